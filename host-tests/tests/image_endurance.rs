@@ -312,7 +312,7 @@ const STAMPS_WITHIN: i64 = 3;
 
 /// Sets the clock's timer, as a debugger can, with a deadline right after.
 fn preset(board: &mut VirtualBoard<TicketArm>, count: u32) {
-    let chip = facts(board.chip());
+    let chip = facts(board.chip()).registers();
     board.write_word(chip.clock_count, count).unwrap();
     board.write_word(chip.clock_due, count.wrapping_add(10)).unwrap();
     board.run_for(Nanos::from_millis(2)).unwrap();

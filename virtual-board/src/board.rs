@@ -126,9 +126,10 @@ impl<A> Config<A> {
         Self {
             crystal: Crystal::new(board.crystal * 1_000_000),
             arm_uart: match board.uart {
-                // An image for an RP2040 does not start here.
-                BoardUart::Usart2 | BoardUart::Uart1 => ArmUart::Usart2,
+                BoardUart::Usart2 => ArmUart::Usart2,
                 BoardUart::Usart3 => ArmUart::Usart3,
+                // The RP2040 has one UART for the arm.
+                BoardUart::Uart1 => self.arm_uart,
             },
             ..self
         }
@@ -180,6 +181,9 @@ impl<A: Arm> VirtualBoard<A> {
             Some(chip) => chip,
             None => Chip::of(&image)?,
         };
+        if chip == Chip::Rp2040 && config.gdb.is_some() {
+            return Err(Error::NoDebugger);
+        }
         let starve = Arc::new(AtomicBool::new(false));
         let line = Arc::new(Mutex::new(Line::new(
             config.arm,
@@ -187,7 +191,7 @@ impl<A: Arm> VirtualBoard<A> {
             config.seed,
             starve.clone(),
         )));
-        let contents = flash::around(&image, config.flash, chip.flash_size())?;
+        let contents = flash::around(&image, config.flash, chip)?;
         let flash = Flash::new(contents, config.power_cut_after, Clock::new(config.timing, config.seed));
         let edges = Edges {
             line: line.clone(),
@@ -222,7 +226,7 @@ impl<A: Arm> VirtualBoard<A> {
             flash: edges.flash,
             oscillator: edges.oscillator,
             chip,
-            engine: setup.engine(chip),
+            engine: setup.engine(chip)?,
             interrupt,
             gdb,
             now: Nanos(0),

@@ -4,6 +4,7 @@ use std::fmt;
 use std::path::Path;
 
 use crate::error::Error;
+use crate::flash;
 use crate::image::Image;
 
 /// A chip with a firmware image.
@@ -13,6 +14,8 @@ pub enum Chip {
     Stm32f405,
     /// The STM32G431CB.
     Stm32g431,
+    /// The RP2040 with 2 MB of flash, run by an emulator that needs Node.js.
+    Rp2040,
 }
 
 /// Number of vectors of the core itself.
@@ -24,14 +27,24 @@ impl Chip {
         match self {
             Self::Stm32f405 => 1 << 20,
             Self::Stm32g431 => 128 << 10,
+            Self::Rp2040 => 2 << 20,
         }
     }
 
-    /// Number of interrupts in the vector table (RM0090, table 62; RM0440, table 97).
+    /// The address of the flash (RM0090, 3.4; RM0440, 3.3.1; RP2040 datasheet, 2.2).
+    pub(crate) const fn flash_base(self) -> u64 {
+        match self {
+            Self::Stm32f405 | Self::Stm32g431 => flash::BASE,
+            Self::Rp2040 => 0x1000_0000,
+        }
+    }
+
+    /// Number of interrupts in the vector table (RM0090, table 62; RM0440, table 97; RP2040 datasheet, 2.3.2).
     const fn interrupts(self) -> u64 {
         match self {
             Self::Stm32f405 => 82,
             Self::Stm32g431 => 102,
+            Self::Rp2040 => 32,
         }
     }
 
@@ -55,7 +68,7 @@ impl Chip {
         let Some(interrupts) = vectors.map(|vectors| vectors.saturating_sub(CORE_VECTORS)) else {
             return Ok(Self::Stm32f405);
         };
-        [Self::Stm32f405, Self::Stm32g431]
+        [Self::Stm32f405, Self::Stm32g431, Self::Rp2040]
             .into_iter()
             .find(|chip| chip.interrupts() == interrupts)
             .ok_or(Error::UnknownChip { interrupts })
@@ -68,6 +81,7 @@ impl fmt::Display for Chip {
         f.write_str(match self {
             Self::Stm32f405 => "stm32f405",
             Self::Stm32g431 => "stm32g431",
+            Self::Rp2040 => "pico",
         })
     }
 }

@@ -20,6 +20,15 @@ pub enum Error {
         /// The reason.
         reason: String,
     },
+    /// A program or package that the emulator of an RP2040 needs is not installed.
+    #[error("an image for an RP2040 needs {missing}, which `cargo xtask pico` installs")]
+    NoEmulator {
+        /// The program or package.
+        missing: &'static str,
+    },
+    /// The emulator of an RP2040 has no interface for gdb.
+    #[error("gdb cannot debug an image for an RP2040 here")]
+    NoDebugger,
     /// The port for gdb is not available.
     #[error("cannot listen on {address}: {error}")]
     Listen {

@@ -1,12 +1,13 @@
 //! The content of the board's flash, and the effects of a loss of power.
 
+use crate::chip::Chip;
 use crate::error::Error;
 use crate::image::Image;
 use crate::soc::chance::draw;
 use crate::time::Nanos;
 use crate::timing::Clock;
 
-/// The address of the flash (RM0090, 3.4).
+/// The address of the flash of an STM32 (RM0090, 3.4).
 pub(crate) const BASE: u64 = 0x0800_0000;
 
 /// The flash size of the STM32F405RG, in bytes.
@@ -101,14 +102,17 @@ impl Flash {
     }
 }
 
-/// The flash content, `size` bytes, with `image` in it and `contents` around it.
-pub(crate) fn around(image: &Image, contents: Option<Vec<u8>>, size: usize) -> Result<Vec<u8>, Error> {
+/// The flash content of a chip, with `image` in it and `contents` around it.
+pub(crate) fn around(image: &Image, contents: Option<Vec<u8>>, chip: Chip) -> Result<Vec<u8>, Error> {
+    let size = chip.flash_size();
     let mut bytes = contents.unwrap_or_else(|| vec![ERASED; size]);
     if bytes.len() != size {
         return Err(Error::FlashSize { got: bytes.len(), size });
     }
     for (address, segment) in image.segments() {
-        let start = address.checked_sub(BASE).and_then(|start| usize::try_from(start).ok());
+        let start = address
+            .checked_sub(chip.flash_base())
+            .and_then(|start| usize::try_from(start).ok());
         if let Some(place) = start.and_then(|start| bytes.get_mut(start..start + segment.len())) {
             place.copy_from_slice(segment);
         }

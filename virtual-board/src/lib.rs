@@ -42,6 +42,7 @@ pub mod latency;
 pub mod line;
 mod mcu;
 pub mod report;
+mod rp2040;
 #[cfg(unix)]
 pub mod serve;
 mod shared;

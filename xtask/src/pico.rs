@@ -12,8 +12,14 @@ use crate::image;
 use crate::process::run;
 use crate::workspace::root;
 
-/// Folder of the tests.
+/// Folder of the tests in JavaScript.
 const TESTS: &str = "host-tests/pico";
+
+/// The command for the image tests that the other chips have, too.
+const IMAGE_TESTS: &str = "test --quiet --package armwire-host-tests --features image --test image";
+
+/// Those that run on this chip, by a part of their names.
+const RUN: [&str; 6] = ["boot::", "bytes::", "control::", "ling::", "teleop::", "trace::"];
 
 #[derive(Args)]
 pub(crate) struct Options {
@@ -41,5 +47,6 @@ pub(crate) fn test(options: &Options) -> Result<()> {
         .env("ARMWIRE_IMAGE", &image.path)
         .env("ARMWIRE", target_dir()?.join("debug/armwire"))
         .env("ARMWIRE_POLL_SECONDS", options.seconds.to_string())
-        .current_dir(root()))
+        .current_dir(root()))?;
+    run(cargo(IMAGE_TESTS).arg("--").args(RUN).env("ARMWIRE_IMAGE", &image.path))
 }

@@ -21,6 +21,20 @@ pub struct Facts {
     pub flooded: NonZeroU32,
     /// Duration of the erase of one of them, typical and maximum.
     pub erase: [Nanos; 2],
+    /// Highest rate at which bytes in both directions keep the line busy without pauses. The RP2040 makes some after each
+    /// burst to the arm.
+    pub full_rate: u32,
+    /// True if the UART reports noise.
+    pub reports_noise: bool,
+    /// The serial number that the adapter has from the virtual board's unique id.
+    pub serial: &'static str,
+    /// Registers of an STM32.
+    registers: Option<Registers>,
+}
+
+/// Registers of an STM32, with values.
+#[derive(Clone, Copy, Debug)]
+pub struct Registers {
     /// RCC_CR.
     pub clock_control: u64,
     /// GPIOA. Its pin 2 sends to the arm.
@@ -39,6 +53,17 @@ pub struct Facts {
     pub uart_receiver_on: u32,
 }
 
+impl Facts {
+    /// The registers.
+    ///
+    /// # Panics
+    ///
+    /// If the chip is no STM32.
+    pub fn registers(&self) -> Registers {
+        self.registers.expect("the test is for an STM32")
+    }
+}
+
 /// The properties of a chip.
 pub const fn facts(chip: Chip) -> Facts {
     match chip {
@@ -50,14 +75,19 @@ pub const fn facts(chip: Chip) -> Facts {
             config_flash: 0x4000..0xC000,
             flooded: NonZeroU32::new(4).unwrap(),
             erase: [Nanos::from_millis(250), Nanos::from_millis(500)],
-            clock_control: 0x4002_3800,
-            gpioa: 0x4002_0000,
-            led: (0x4002_0400, 2),
-            clock_count: 0x4000_0C24,
-            clock_due: 0x4000_0C38,
-            uart_control: 0x4000_440C,
-            uart_receiver_off: 1 << 13 | 1 << 3,
-            uart_receiver_on: 1 << 13 | 1 << 3 | 1 << 2 | 1 << 4,
+            full_rate: 2_000_000,
+            reports_noise: true,
+            serial: "200041000B35315035563033",
+            registers: Some(Registers {
+                clock_control: 0x4002_3800,
+                gpioa: 0x4002_0000,
+                led: (0x4002_0400, 2),
+                clock_count: 0x4000_0C24,
+                clock_due: 0x4000_0C38,
+                uart_control: 0x4000_440C,
+                uart_receiver_off: 1 << 13 | 1 << 3,
+                uart_receiver_on: 1 << 13 | 1 << 3 | 1 << 2 | 1 << 4,
+            }),
         },
         // Addresses of RM0440, table 3; TIM2 (30.5), USART2 (37.8.2: UE 0, TE 3, RE 2, IDLEIE 4); erases of DS12589.
         Chip::Stm32g431 => Facts {
@@ -67,14 +97,32 @@ pub const fn facts(chip: Chip) -> Facts {
             config_flash: 0x1F000..0x20000,
             flooded: NonZeroU32::new(3).unwrap(),
             erase: [Nanos(22_020_000), Nanos(24_470_000)],
-            clock_control: 0x4002_1000,
-            gpioa: 0x4800_0000,
-            led: (0x4800_0800, 6),
-            clock_count: 0x4000_0024,
-            clock_due: 0x4000_0038,
-            uart_control: 0x4000_4400,
-            uart_receiver_off: 1 | 1 << 3,
-            uart_receiver_on: 1 | 1 << 3 | 1 << 2 | 1 << 4,
+            full_rate: 2_000_000,
+            reports_noise: true,
+            serial: "200041000B35315035563033",
+            registers: Some(Registers {
+                clock_control: 0x4002_1000,
+                gpioa: 0x4800_0000,
+                led: (0x4800_0800, 6),
+                clock_count: 0x4000_0024,
+                clock_due: 0x4000_0038,
+                uart_control: 0x4000_4400,
+                uart_receiver_off: 1 | 1 << 3,
+                uart_receiver_on: 1 | 1 << 3 | 1 << 2 | 1 << 4,
+            }),
+        },
+        // Erases of W25Q16JV, 9.6. The flash's unique id has eight bytes.
+        Chip::Rp2040 => Facts {
+            can_fd: false,
+            core_hz: 125_000_000,
+            latency: 60_000,
+            config_flash: 0x1F_E000..0x20_0000,
+            flooded: NonZeroU32::MIN,
+            erase: [Nanos::from_millis(45), Nanos::from_millis(400)],
+            full_rate: 115_200,
+            reports_noise: false,
+            serial: "200041000B353150",
+            registers: None,
         },
     }
 }

@@ -51,12 +51,12 @@ fn on_this<A: Arm, R>(arm: A, test: impl FnOnce(&mut VirtualBoard<A>, &'static B
 
 /// A register of a pin's port.
 fn register(Pin(port, _): Pin, register: u64) -> u64 {
-    facts(chip()).gpioa + port as u64 * PORT + register
+    facts(chip()).registers().gpioa + port as u64 * PORT + register
 }
 
 /// The mode of each pin of the chip, by port and number.
 fn modes<A: Arm>(board: &mut VirtualBoard<A>) -> Vec<u32> {
-    let ports = (0..PORTS).map(|port| facts(chip()).gpioa + port * PORT + MODER);
+    let ports = (0..PORTS).map(|port| facts(chip()).registers().gpioa + port * PORT + MODER);
     ports
         .flat_map(|moder| {
             let moder = board.read_word(moder).unwrap();

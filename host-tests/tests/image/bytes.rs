@@ -3,7 +3,8 @@
 use std::time::Instant;
 
 use armwire_host_tests::image::{
-    MEGABAUD, RawArm, byte_time, counters, exchange, noise, on_board, on_board_with, path, plug_in, same_bytes,
+    MEGABAUD, RawArm, byte_time, chip, counters, exchange, facts, noise, on_board, on_board_with, path, plug_in,
+    same_bytes,
 };
 use armwire_virtual_board::usb::Direction;
 use armwire_virtual_board::{Config, Nanos};
@@ -33,7 +34,7 @@ fn saturate(baud: u32, count: usize) {
         // Full rate: nearly no gaps on the line in either direction.
         let least = byte_time(baud).0 as f64 / 1e9 * count as f64;
         assert!(
-            virtually < least * 1.03 + 0.002,
+            virtually < least * 1.03 + 0.002 || baud > facts(chip()).full_rate,
             "{virtually} s for bytes that take {least} s on a busy line"
         );
 

@@ -119,7 +119,7 @@ fn acknowledges(board: &mut Board) -> bool {
 /// The number of times that the LED is switched on within a second.
 fn flashes(board: &mut Board) -> usize {
     const ODR: u64 = 0x14;
-    let (port, pin) = facts(chip()).led;
+    let (port, pin) = facts(chip()).registers().led;
     let levels: Vec<_> = (0..100)
         .map(|_| {
             board.run_for(millis(10)).unwrap();

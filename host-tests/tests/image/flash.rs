@@ -185,7 +185,7 @@ fn interrupt_save(before: &Saved, ecc_register: EccRegister, operation: u32) -> 
 #[test]
 fn interrupted_save_leaves_old_or_new_configuration() {
     let registers = match chip() {
-        Chip::Stm32f405 => &[EccRegister::Correct][..],
+        Chip::Stm32f405 | Chip::Rp2040 => &[EccRegister::Correct][..],
         Chip::Stm32g431 => &[
             EccRegister::Correct,
             EccRegister::NoAddress,

@@ -6,8 +6,8 @@ use armwire::messages::Messages;
 use armwire_bridge::{Counters, Duration, Instant};
 use armwire_host_tests::image::requests::encoded;
 use armwire_host_tests::image::{
-    MEGABAUD, RawArm, as_received, byte_time, counters, exchange, noise, on_board, on_board_with, path, plug_in,
-    read_all, same_bytes,
+    MEGABAUD, RawArm, as_received, byte_time, chip, counters, exchange, facts, noise, on_board, on_board_with, path,
+    plug_in, read_all, same_bytes,
 };
 use armwire_virtual_board::line::{Fault, FaultRates, LineByte, Outcome, Parity};
 use armwire_virtual_board::usb::cdc::LineCoding;
@@ -122,11 +122,16 @@ fn constant_line_errors_lose_only_affected_frames() {
         board.with_arm(|arm| arm.send(&up));
         board.usb().write(&down).unwrap();
         let received = read_all(board);
+        // The RP2040 takes longer for the bytes to the arm.
+        board.run_for(Nanos::from_millis(50)).unwrap();
         same_bytes("the host", &received, &as_received(&board.uart().bytes()));
         same_bytes("the arm", &board.with_arm(RawArm::take_received), &down);
 
         let line = board.uart().bytes();
         let injected = |faults: &[Fault]| {
+            if faults == [Fault::Noise] && !facts(chip()).reports_noise {
+                return 0;
+            }
             let hit = |byte: &&LineByte| faults.iter().any(|&fault| byte.outcome == Outcome::Faulty(fault));
             line.iter().filter(hit).count()
         };
@@ -179,7 +184,12 @@ fn errors_in_many_bytes_are_counted_individually() {
                 after.noise_errors - before.noise_errors,
                 after.overrun_errors - before.overrun_errors,
             ];
-            let expected = [rate(Fault::Framing), rate(Fault::Noise), 0].map(|rate| rate / 1_000_000 * BYTES);
+            let noise = if facts(chip()).reports_noise {
+                rate(Fault::Noise)
+            } else {
+                0
+            };
+            let expected = [rate(Fault::Framing), noise, 0].map(|rate| rate / 1_000_000 * BYTES);
             assert_eq!(counted, expected);
         }
     });

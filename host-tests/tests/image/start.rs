@@ -53,13 +53,13 @@ fn expect_served(board: &mut Board) {
 /// on.
 fn expect_waiting(board: &mut Board, span: u64) -> Vec<u64> {
     const STEP: u64 = 5;
-    let (port, led) = facts(chip()).led;
+    let (port, led) = facts(chip()).registers().led;
     board.run_for(millis(STEP)).unwrap();
     let mut changes = Vec::new();
     let mut was_on = false;
     for at in (0..span).step_by(STEP as usize) {
         assert_eq!(
-            output(board, facts(chip()).gpioa, PA2),
+            output(board, facts(chip()).registers().gpioa, PA2),
             Some(true),
             "the line to the arm, after {at} ms"
         );
@@ -120,7 +120,7 @@ fn dead_crystal_shows_on_led_and_is_retried() {
     on_board_with(config(Crystal::dead()), |board| {
         let changes = expect_waiting(board, 3 * RETRY_MS);
         expect_error_flashes(&changes, 3);
-        let control = board.read_word(facts(chip()).clock_control).unwrap();
+        let control = board.read_word(facts(chip()).registers().clock_control).unwrap();
         assert_eq!(control & (HSEON | HSERDY), HSEON);
         // The crystal starts to work, as with a repaired solder joint.
         board.set_crystal(Crystal::new(8_000_000));

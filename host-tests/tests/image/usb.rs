@@ -5,8 +5,8 @@ use armwire::messages::Messages;
 use armwire_bridge::Duration;
 use armwire_host_tests::image::requests::encoded;
 use armwire_host_tests::image::{
-    MEGABAUD, Program, RawArm, byte_time, counters, exchange, noise, on_board, on_board_with, open, path, plug_in,
-    read_all, same_bytes,
+    MEGABAUD, Program, RawArm, byte_time, chip, counters, exchange, facts, noise, on_board, on_board_with, open, path,
+    plug_in, read_all, same_bytes,
 };
 use armwire_sim::ling::LingArm;
 use armwire_virtual_board::line::Direction as LineDirection;
@@ -31,11 +31,9 @@ fn serial_number(unique_id: [u8; 12]) -> String {
 
 #[test]
 fn serial_number_is_the_chips_unique_id() {
-    assert_eq!(
-        serial_number(*b"\x20\x00\x41\x00\x0B51P\x35V03"),
-        "200041000B35315035563033"
-    );
-    assert_eq!(serial_number([0xFF; 12]), "FFFFFFFFFFFFFFFFFFFFFFFF");
+    let serial = facts(chip()).serial;
+    assert_eq!(serial_number(*b"\x20\x00\x41\x00\x0B51P\x35V03"), serial);
+    assert_eq!(serial_number([0xFF; 12]), "F".repeat(serial.len()));
 }
 
 /// The Microsoft OS 2.0 descriptors, and the platform capability that announces them.

@@ -7,7 +7,9 @@ use self::stm32f405::{ArmUart, Reenabled, Stm32f405};
 use self::stm32g431::{EccRegister, Stm32g431};
 use crate::chip::Chip;
 use crate::engine::Engine;
+use crate::error::Error;
 use crate::report::Crash;
+use crate::rp2040::Rp2040;
 use crate::shared::lock;
 use crate::soc::gdb::Debugger;
 use crate::soc::machine::{Edges, Machine};
@@ -44,8 +46,12 @@ impl Setup {
     ///
     /// This function is not generic: the models are compiled with this crate, which is optimised in tests, too, and not
     /// with the crate of the arm.
-    pub(crate) fn engine(self, chip: Chip) -> Box<dyn Engine> {
-        match chip {
+    ///
+    /// # Errors
+    ///
+    /// If the emulator of an RP2040 cannot be started.
+    pub(crate) fn engine(self, chip: Chip) -> Result<Box<dyn Engine>, Error> {
+        Ok(match chip {
             Chip::Stm32f405 => {
                 let peripherals = Stm32f405::new(self.idcode, self.arm_uart, self.reenabled, self.seed, &self.edges);
                 self.machine(peripherals)
@@ -54,7 +60,8 @@ impl Setup {
                 let peripherals = Stm32g431::new(self.ecc_register, self.seed, &self.edges);
                 self.machine(peripherals)
             }
-        }
+            Chip::Rp2040 => Box::new(Rp2040::start(self)?),
+        })
     }
 
     fn machine<P: Peripherals + 'static>(self, peripherals: P) -> Box<dyn Engine> {

@@ -30,7 +30,7 @@ impl Rig {
     pub(super) fn mutate(&mut self, mutation: Mutation) -> Result {
         match mutation {
             Mutation::LostBytes => {
-                let chip = facts(self.board.chip());
+                let chip = facts(self.board.chip()).registers();
                 let before = self.traffic.unreceived;
                 self.board.write_word(chip.uart_control, chip.uart_receiver_off)?;
                 self.await_fault(|rig| rig.traffic.unreceived > before)?;

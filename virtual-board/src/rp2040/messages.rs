@@ -1,0 +1,357 @@
+//! The messages between the virtual board and the emulator's process: `rp2040/messages.mjs`. Numbers are little-endian.
+
+use crate::time::Nanos;
+
+/// Errors of a received byte, in the order of their bits in the UART's registers (4.2.8).
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct ByteErrors {
+    pub(super) framing: bool,
+    pub(super) parity: bool,
+    pub(super) line_break: bool,
+    /// The FIFO was full: the byte is lost.
+    pub(super) overrun: bool,
+}
+
+/// Commands to the process. It executes them in order, at the time of its last stop.
+#[derive(Debug, Default)]
+pub(super) struct Commands(Vec<u8>);
+
+impl Commands {
+    /// Starts the chip: the duration of a cycle in nanoseconds, the flash's unique id, the addresses that are reached
+    /// only in a crash, and the content of the flash.
+    pub(super) fn start(
+        &mut self,
+        cycle: f64,
+        unique_id: &[u8],
+        crashes: impl ExactSizeIterator<Item = u32>,
+        flash: &[u8],
+    ) {
+        self.byte(1);
+        self.0.extend(cycle.to_le_bytes());
+        self.bytes(unique_id);
+        self.word(crashes.len() as u32);
+        crashes.for_each(|address| self.word(address));
+        self.bytes(flash);
+    }
+
+    /// Runs the chip until this time, or until an event that the board must handle.
+    pub(super) fn run(&mut self, until: Nanos) {
+        self.byte(0);
+        self.0.extend((until.0 as f64).to_le_bytes());
+    }
+
+    /// Starts the chip again, with this value in the watchdog's REASON (4.7.6).
+    pub(super) fn reset(&mut self, reason: u8) {
+        self.byte(2);
+        self.byte(reason);
+    }
+
+    /// Holds or releases the core.
+    pub(super) fn hold(&mut self, held: bool) {
+        self.byte(3);
+        self.byte(held.into());
+    }
+
+    /// Changes the content of the flash.
+    pub(super) fn flash(&mut self, offset: usize, bytes: &[u8]) {
+        self.byte(4);
+        self.word(offset as u32);
+        self.bytes(bytes);
+    }
+
+    /// The operation of the flash has ended, and the core continues.
+    pub(super) fn flash_done(&mut self) {
+        self.byte(5);
+    }
+
+    /// The UART received a byte.
+    pub(super) fn received(&mut self, byte: u8, errors: ByteErrors) {
+        let ByteErrors {
+            framing,
+            parity,
+            line_break,
+            overrun,
+        } = errors;
+        let bits = [framing, parity, line_break, overrun];
+        self.byte(6);
+        self.byte(byte);
+        self.byte((0..).zip(bits).fold(0, |all, (at, bit)| all | u8::from(bit) << at));
+    }
+
+    /// The UART's shift register took a byte from the transmit FIFO.
+    pub(super) fn taken(&mut self) {
+        self.byte(7);
+    }
+
+    /// The UART sent the last byte.
+    pub(super) fn sent(&mut self) {
+        self.byte(8);
+    }
+
+    /// The USB bus is in reset.
+    pub(super) fn bus_reset(&mut self) {
+        self.byte(9);
+    }
+
+    /// A SETUP packet.
+    pub(super) fn setup(&mut self, request: [u8; 8]) {
+        self.byte(10);
+        self.bytes(&request);
+    }
+
+    /// A packet for an OUT endpoint.
+    pub(super) fn output(&mut self, endpoint: u8, packet: &[u8]) {
+        self.byte(11);
+        self.byte(endpoint);
+        self.bytes(packet);
+    }
+
+    /// The host fetched the packet of an IN endpoint.
+    pub(super) fn fetched(&mut self, endpoint: u8) {
+        self.byte(12);
+        self.byte(endpoint);
+    }
+
+    /// The bus is suspended.
+    pub(super) fn suspend(&mut self) {
+        self.byte(13);
+    }
+
+    /// The host woke the bus.
+    pub(super) fn resume(&mut self) {
+        self.byte(14);
+    }
+
+    /// The endpoints with these bits of EP_ABORT have no transaction in progress (4.1.2.9).
+    pub(super) fn aborted(&mut self, endpoints: u32) {
+        self.byte(15);
+        self.word(endpoints);
+    }
+
+    /// Reads a word of memory or of a register.
+    pub(super) fn read(&mut self, address: u32) {
+        self.byte(16);
+        self.word(address);
+    }
+
+    /// Writes a word of memory or of a register.
+    pub(super) fn write(&mut self, address: u32, value: u32) {
+        self.byte(17);
+        self.word(address);
+        self.word(value);
+    }
+
+    /// Moves the commands of `other` to the end.
+    pub(super) fn append(&mut self, other: &mut Self) {
+        self.0.append(&mut other.0);
+    }
+
+    /// Takes the batch, with its length in front.
+    pub(super) fn take(&mut self) -> Vec<u8> {
+        let length = self.0.len() as u32;
+        let batch = [&length.to_le_bytes(), &self.0[..]].concat();
+        self.0.clear();
+        batch
+    }
+
+    fn byte(&mut self, value: u8) {
+        self.0.push(value);
+    }
+
+    fn word(&mut self, value: u32) {
+        self.0.extend(value.to_le_bytes());
+    }
+
+    fn bytes(&mut self, bytes: &[u8]) {
+        self.word(bytes.len() as u32);
+        self.0.extend(bytes);
+    }
+}
+
+/// A register of the USB controller that a host can notice.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum UsbRegister {
+    Address,
+    SieControl,
+    Abort,
+    StallArm,
+}
+
+/// An event in the chip.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum Event {
+    /// The run has stopped.
+    Stopped {
+        at: Nanos,
+        instructions: u64,
+        /// Time in which the core executed them.
+        busy: Nanos,
+    },
+    /// A byte was written to the transmit FIFO.
+    Byte(u8),
+    /// The settings of the UART: the divisor in 64ths, the clock in hertz, UARTLCR_H and UARTCR.
+    Uart {
+        divisor: u32,
+        clock: u32,
+        format: u32,
+        control: u32,
+    },
+    /// A write to a register of the USB controller.
+    Usb(UsbRegister, u32),
+    /// The control of a USB buffer, by twice the endpoint's number, and one for OUT; and its packet for the host.
+    Buffer { index: u8, control: u32, packet: Vec<u8> },
+    /// The control of an endpoint other than 0, by the same number.
+    Endpoint { index: u8, control: u32 },
+    /// The core waits for the erase of sectors of the flash.
+    Erase { from: usize, length: usize },
+    /// The core waits for the programming of pages of the flash.
+    Program { to: usize, bytes: Vec<u8> },
+    /// The watchdog resets the chip, with this REASON.
+    Reset { reason: u8 },
+    /// The core started the boot loader.
+    BootLoader,
+    /// The core reached an address that it reaches only in a crash.
+    Crash { address: u32 },
+    /// The answer to a debugger's access: the word, if there is one.
+    Value(Option<u32>),
+    /// The emulator cannot continue.
+    Failed(String),
+}
+
+/// The events in a batch. `None` if it is malformed.
+pub(super) fn events(batch: &[u8]) -> Option<Vec<Event>> {
+    let mut reader = Reader(batch);
+    let mut events = Vec::new();
+    while !reader.0.is_empty() {
+        events.push(reader.event()?);
+    }
+    Some(events)
+}
+
+struct Reader<'a>(&'a [u8]);
+
+impl<'a> Reader<'a> {
+    fn event(&mut self) -> Option<Event> {
+        Some(match self.byte()? {
+            0 => Event::Stopped {
+                at: Nanos(self.number()?),
+                instructions: self.number()?,
+                busy: Nanos(self.number()?),
+            },
+            1 => Event::Byte(self.byte()?),
+            2 => Event::Uart {
+                divisor: self.word()?,
+                clock: self.word()?,
+                format: self.word()?,
+                control: self.word()?,
+            },
+            3 => {
+                let register = match self.byte()? {
+                    0 => UsbRegister::Address,
+                    1 => UsbRegister::SieControl,
+                    2 => UsbRegister::Abort,
+                    3 => UsbRegister::StallArm,
+                    _ => return None,
+                };
+                Event::Usb(register, self.word()?)
+            }
+            4 => Event::Buffer {
+                index: self.byte()?,
+                control: self.word()?,
+                packet: self.bytes()?.to_vec(),
+            },
+            5 => Event::Endpoint {
+                index: self.byte()?,
+                control: self.word()?,
+            },
+            6 => Event::Erase {
+                from: self.word()? as usize,
+                length: self.word()? as usize,
+            },
+            7 => Event::Program {
+                to: self.word()? as usize,
+                bytes: self.bytes()?.to_vec(),
+            },
+            8 => Event::Reset { reason: self.byte()? },
+            9 => Event::BootLoader,
+            10 => Event::Crash { address: self.word()? },
+            11 => {
+                let is_there = self.byte()? != 0;
+                let value = self.word()?;
+                Event::Value(is_there.then_some(value))
+            }
+            12 => Event::Failed(String::from_utf8_lossy(self.bytes()?).into_owned()),
+            _ => return None,
+        })
+    }
+
+    fn byte(&mut self) -> Option<u8> {
+        let (&byte, rest) = self.0.split_first()?;
+        self.0 = rest;
+        Some(byte)
+    }
+
+    fn word(&mut self) -> Option<u32> {
+        let (&word, rest) = self.0.split_first_chunk()?;
+        self.0 = rest;
+        Some(u32::from_le_bytes(word))
+    }
+
+    /// A whole number, which JavaScript has as a float.
+    fn number(&mut self) -> Option<u64> {
+        let (&number, rest) = self.0.split_first_chunk()?;
+        self.0 = rest;
+        Some(f64::from_le_bytes(number) as u64)
+    }
+
+    fn bytes(&mut self) -> Option<&'a [u8]> {
+        let length = self.word()? as usize;
+        let (bytes, rest) = self.0.split_at_checked(length)?;
+        self.0 = rest;
+        Some(bytes)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn events_of_a_batch_are_in_order() {
+        let stopped = [
+            &[0][..],
+            &1.5e9_f64.to_le_bytes(),
+            &7.0_f64.to_le_bytes(),
+            &56.0_f64.to_le_bytes(),
+        ]
+        .concat();
+        let batch = [&[1, 0xAA, 4, 4, 0x02, 0x24, 0, 0, 2, 0, 0, 0, 8, 9][..], &stopped].concat();
+        let expected = [
+            Event::Byte(0xAA),
+            Event::Buffer {
+                index: 4,
+                control: 0x2402,
+                packet: vec![8, 9],
+            },
+            Event::Stopped {
+                at: Nanos(1_500_000_000),
+                instructions: 7,
+                busy: Nanos(56),
+            },
+        ];
+        assert_eq!(events(&batch).unwrap(), expected);
+        assert_eq!(events(&batch[..batch.len() - 1]), None);
+        assert_eq!(events(&[0xEE]), None);
+    }
+
+    #[test]
+    fn batch_of_commands_has_its_length_in_front() {
+        let mut commands = Commands::default();
+        commands.output(2, &[8, 9]);
+        commands.aborted(0x30);
+        let output = [11, 2, 2, 0, 0, 0, 8, 9];
+        let aborted = [15, 0x30, 0, 0, 0];
+        assert_eq!(commands.take(), [&[13, 0, 0, 0][..], &output, &aborted].concat());
+        assert_eq!(commands.take(), [0; 4]);
+    }
+}
