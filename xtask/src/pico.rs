@@ -19,7 +19,15 @@ const TESTS: &str = "host-tests/pico";
 const IMAGE_TESTS: &str = "test --quiet --package armwire-host-tests --features image --test image";
 
 /// Those that run on this chip, by a part of their names.
-const RUN: [&str; 6] = ["boot::", "bytes::", "control::", "ling::", "teleop::", "trace::"];
+const RUN: [&str; 7] = [
+    "boot::",
+    "bytes::",
+    "control::",
+    "ling::",
+    "teleop::",
+    "trace::",
+    "usb::",
+];
 
 #[derive(Args)]
 pub(crate) struct Options {

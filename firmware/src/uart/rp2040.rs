@@ -36,6 +36,9 @@ const _: () = assert!(align_of::<Stamps>() == 4 * SIZE);
 static STAMPS: Stamps = Stamps([const { AtomicU32::new(0) }; SIZE]);
 /// The position after the last byte that the handler has seen; [`SIZE`] if it must look at all unread bytes.
 static SEEN: AtomicUsize = AtomicUsize::new(SIZE);
+/// The position after the last byte before the line was found idle. Without further bytes it is not found idle again:
+/// the bridge may wait for an idle line as long as a host reads nothing.
+static IDLE_AFTER: AtomicUsize = AtomicUsize::new(0);
 /// An alarm looks for an idle line.
 static IS_WATCHED: AtomicBool = AtomicBool::new(false);
 
@@ -48,6 +51,7 @@ const FULL: usize = SIZE - 64;
 /// Starts the DMA at the first position of the ring.
 pub(super) fn start(_: &mut Dma, _: LineCoding) -> Transfer<'_> {
     SEEN.store(0, Ordering::Relaxed);
+    IDLE_AFTER.store(0, Ordering::Relaxed);
     usart::start_receiving(
         BYTES.0.as_ptr() as u32,
         STAMPS.0.as_ptr() as u32,
@@ -117,7 +121,7 @@ impl Handler<RxInterrupt> for RingHandler {
             wake();
         }
         check_room(end);
-        if !IS_WATCHED.swap(true, Ordering::Relaxed) {
+        if end != IDLE_AFTER.load(Ordering::Relaxed) && !IS_WATCHED.swap(true, Ordering::Relaxed) {
             set_idle_alarm(idle_from(end));
         }
     }
@@ -141,6 +145,7 @@ impl Handler<IdleInterrupt> for IdleHandler {
             return set_idle_alarm(at);
         }
         IS_WATCHED.store(false, Ordering::Relaxed);
+        IDLE_AFTER.store(end, Ordering::Relaxed);
         // The next byte starts the alarm.
         SEEN.store(end, Ordering::Relaxed);
         usart::set_byte_interrupt(true);
