@@ -27,11 +27,18 @@ pub(in crate::board) const ENDPOINTS: usize = 16;
 /// (4.1.2.5.1).
 const SETTLE_CYCLES: u32 = 12;
 
-/// Wakes the task that waits for a stage of a request that the host has ended. It runs ahead of the HAL's handler.
+/// Withdraws the answer to a request that the host has ended, and wakes the task that waits for a stage of it. It runs
+/// ahead of the HAL's handler.
+///
+/// The controller leaves the answer in the endpoint, where the host would fetch it for the next request. The task may
+/// come too late.
 pub(super) struct SetupHandler;
 
 impl Handler<USBCTRL_IRQ> for SetupHandler {
     unsafe fn on_interrupt() {
+        if is_over() {
+            withdraw_answer();
+        }
         wake_if_over();
     }
 }
