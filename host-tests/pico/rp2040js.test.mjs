@@ -42,6 +42,16 @@ test('WFE sleeps after SEV', () => {
   assert.equal(core.waiting, true);
 });
 
+test('interrupt that a program sets pending is lost', () => {
+  const NVIC_ISPR = 0xe000e200;
+  const TIMER = 1 << 3;
+  const rp2040 = chip();
+  rp2040.writeUint32(NVIC_ISPR, TIMER);
+  assert.equal(rp2040.core.pendingInterrupts & TIMER, TIMER);
+  rp2040.setInterrupt(3, false);
+  assert.equal(rp2040.core.pendingInterrupts & TIMER, 0);
+});
+
 test('UART has neither UARTIFLS nor UARTDMACR', () => {
   const rp2040 = chip();
   for (const register of [UARTIFLS, UARTDMACR]) {
@@ -125,6 +135,23 @@ test('SETUP packet leaves a stall', () => {
   rp2040.writeUint32(EP_STALL_ARM, 3);
   rp2040.usbCtrl.sendSetupPacket(new Uint8Array(8));
   assert.equal(rp2040.readUint32(EP_STALL_ARM), 3);
+});
+
+test('SUSPENDED stays', () => {
+  const SIE_STATUS = 0x50110050;
+  const SUSPENDED = 1 << 4;
+  const rp2040 = chip();
+  rp2040.usbCtrl.sieStatus |= SUSPENDED;
+  rp2040.writeUint32(SIE_STATUS, SUSPENDED);
+  assert.equal(rp2040.readUint32(SIE_STATUS) & SUSPENDED, SUSPENDED);
+});
+
+test('abort of an endpoint ends at once', () => {
+  const EP_ABORT = 0x50110060;
+  const EP_ABORT_DONE = 0x50110064;
+  const rp2040 = chip();
+  rp2040.writeUint32(EP_ABORT, 1);
+  assert.equal(rp2040.readUint32(EP_ABORT_DONE), 1);
 });
 
 test('reset erases the flash and leaves peripherals', () => {
