@@ -2,7 +2,7 @@
 //
 // rp2040js completes each transfer when the program arms its endpoint: a packet cannot be left unfetched, and no data
 // toggle is looked at. Here an armed endpoint stays armed until the host sends a token to it (RP2040 datasheet
-// 4.1.2.7), and the host checks the toggles.
+// 4.1.2.6), and the host checks the toggles.
 const AVAILABLE = 1 << 10;
 const STALL = 1 << 11;
 const DATA1 = 1 << 13;

@@ -2,7 +2,7 @@
 //
 // rp2040js completes each transfer when the program arms its endpoint: a packet cannot be left unfetched, and no data
 // toggle is looked at. Here the board has a copy of what the host can notice, and says what a token did to an endpoint
-// (4.1.2.7).
+// (4.1.2.6).
 import { Event } from './messages.mjs';
 
 // Registers that the host can notice, by their numbers in USB events.

@@ -4,7 +4,7 @@
 //! | Behaviour | Section |
 //! |---|---|
 //! | Pull-up, address | 4.1.3 SIE_CTRL, ADDR_ENDP |
-//! | Buffers: AVAILABLE, the data toggle, STALL | 4.1.2.5, 4.1.2.7 |
+//! | Buffers: AVAILABLE, the data toggle, STALL | 4.1.2.5, 4.1.2.6 |
 //! | SETUP is accepted always, and ends a stall of endpoint 0 | 4.1.2.6 |
 //! | EP_ABORT: NAK from the end of the transaction | 4.1.2.9 |
 //!
