@@ -109,8 +109,8 @@ impl Bridge {
     /// An adapter without a USB host, at 1 Mbaud until [`uart_transmit`](Self::uart_transmit) requests another rate.
     ///
     /// `config` is that in flash. An invalid one is replaced by the factory defaults, and counted in
-    /// [`config_failures`](Counters::config_failures). On a board [without CAN](Identity::no_can) its settings of the bus
-    /// are left out.
+    /// [`config_failures`](Counters::config_failures). On a board [without CAN](Identity::no_can) its settings of the
+    /// bus are left out.
     ///
     /// ```
     /// use armwire_bridge::config::Config;

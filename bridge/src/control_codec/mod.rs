@@ -124,8 +124,8 @@ pub fn decode<T: Message>(bytes: &[u8]) -> Result<T, Malformed> {
     })
 }
 
-/// Decodes a value of an older version. It lacks up to `max_missing` numbers at its end, as many as it `may_lack`, which
-/// become 0. `None` if `bytes` do not match.
+/// Decodes a value of an older version. It lacks up to `max_missing` numbers at its end, as many as it `may_lack`,
+/// which become 0. `None` if `bytes` do not match.
 pub(crate) fn read_older<T: DeserializeOwned>(
     bytes: &[u8],
     max_missing: usize,

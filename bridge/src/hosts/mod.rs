@@ -368,11 +368,11 @@ impl Hosts {
 
     /// Handles the configuration in flash.
     pub(crate) fn loaded(&mut self, result: Result<Saved, Failure>, line: &mut Line, now: Instant) {
-        let of_board = |saved| match saved {
+        let saved = result.map(|saved| match saved {
             Saved::Config(config) => Saved::Config(of_board(&self.identity, config)),
             Saved::Nothing | Saved::Unreadable => saved,
-        };
-        self.flash_done(result.map(|saved| Some(of_board(saved))), line, now);
+        });
+        self.flash_done(saved.map(Some), line, now);
     }
 
     fn flash_done(&mut self, outcome: Outcome, line: &mut Line, now: Instant) {
@@ -575,8 +575,8 @@ impl Hosts {
     }
 }
 
-/// A configuration from flash, as it is on this board. Without CAN it has the factory defaults of the bus: firmware before
-/// version 6 saved other settings, which had no effect.
+/// A configuration from flash, as it is on this board. Without CAN it has the factory defaults of the bus: firmware
+/// before version 6 saved other settings, which had no effect.
 fn of_board(identity: &Identity, mut saved: Config) -> Config {
     if identity.no_can {
         saved.can = Can::default();
