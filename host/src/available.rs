@@ -30,8 +30,8 @@ impl Display for PortInfo {
     }
 }
 
-/// Serial ports, then HID devices with the ids of an Alpha1, then CAN interfaces. Nothing is opened. What this computer
-/// cannot list is left out.
+/// Serial ports, then HID devices with the ids of an Alpha1, then CAN interfaces. Nothing is opened. A kind
+/// that this computer cannot list is left out.
 pub fn ports() -> Vec<PortInfo> {
     let adapters = usb::serial_numbers();
     let serial = serial_ports().into_iter().map(|port| PortInfo {

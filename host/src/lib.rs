@@ -41,8 +41,8 @@
 //! [interrupt](Ling::set_interrupt), such as a check for Ctrl-C, ends a call and stops the arm that
 //! [`move_and_wait`](Ling::move_and_wait) moves. A stop is not an emergency stop: keep a switch in the arm's supply.
 //!
-//! A program that sends a move every few milliseconds takes a [`Stream`] of the arm, which waits for no answer. What such
-//! a program sends is decided by [`follow::Follow`], for teleoperation, and by [`replay::Replay`]: both are without I/O.
+//! A program that sends a move every few milliseconds takes a [`Stream`] of the arm, which waits for no answer.
+//! [`follow::Follow`], for teleoperation, and [`replay::Replay`] decide its moves: both are without I/O.
 //!
 //! # The newest pose
 //!

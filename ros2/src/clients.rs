@@ -36,7 +36,7 @@ pub(crate) struct Clients<'a> {
     pub(crate) diagnostics: Diagnostics,
     endpoints: &'a Endpoints,
     goals: Goals<RmwRequestId>,
-    /// The states of the goals are to be published.
+    /// The published states of the goals are out of date.
     is_changed: bool,
     numbers: Numbers<Gid>,
     /// Time of the last published diagnostics.

@@ -51,7 +51,7 @@ pub(super) fn meaning<P: Arm>(
     }
 }
 
-/// The meaning of bytes that are to be one whole frame from this side.
+/// Describes `bytes`, which must be exactly one frame sent by `from`.
 ///
 /// # Errors
 ///

@@ -15,8 +15,8 @@ use crate::xarm::XArm;
 
 /// A pose of an arm.
 pub trait Pose: Copy + Send + Sync + 'static {
-    /// The pose at this fraction of the way from this one to `later`, in a straight line. What has no values in between
-    /// is that of the nearer one.
+    /// The pose at this fraction of the way from this one to `later`, in a straight line. Values without an order, such as
+    /// a status, are those of the nearer one.
     #[must_use]
     fn between(&self, later: &Self, fraction: f64) -> Self;
 }

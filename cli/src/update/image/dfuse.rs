@@ -51,7 +51,7 @@ pub(crate) enum Unfit {
     /// The file does not have exactly one target with data.
     #[error("the file must have exactly one target with data")]
     Targets,
-    /// Something in it is to be written elsewhere than to flash.
+    /// An element has an address outside of flash.
     #[error("the file writes to {0:#010x}, which is not in flash")]
     Address(u32),
     /// The bytes at the start of flash are no program.
