@@ -43,10 +43,10 @@ impl Handler<USBCTRL_IRQ> for SetupHandler {
     }
 }
 
-/// Returns true if the host has ended the current request: by another request or a bus reset.
+/// Returns true if the host has ended the current request: by another request, a bus reset or a suspend.
 pub(in crate::board) fn is_over() -> bool {
     let status = USB.sie_status().read();
-    status.setup_rec() || status.bus_reset()
+    status.setup_rec() || status.bus_reset() || status.suspended()
 }
 
 /// Arms a packet of an answer.
