@@ -135,9 +135,9 @@ impl BootLoader for Drive {
             return Err(Error::at(LABEL, self.absence()));
         };
         let (place, image) = (folder.display(), self.image.display());
-        progress(format!("copies {image} to {place}"));
+        progress(format!("copying {image} to {place}"));
         let mut line = status.line();
-        line.begin(0, format!("copying {} bytes to {place}", self.bytes.len()));
+        line.begin(0, format!("writing {} bytes", self.bytes.len()));
         let copied = self.copy_to(folder);
         drop(line);
         match copied {

@@ -97,7 +97,7 @@ impl Update {
             (Format::DfuSe, None) => Ok(Box::new(DfuUtil::new(&self.image))),
             (Format::DfuSe, Some(_)) => Err(Error::Usage("--drive is for a .uf2 file only".to_owned())),
             (Format::Uf2, drive) => {
-                let volumes = Volumes::default();
+                let volumes = Volumes::new();
                 Ok(Box::new(Drive::new(&self.image, bytes, drive.as_deref(), volumes)))
             }
         }

@@ -23,17 +23,16 @@ mod system {
         udisksctl: PathBuf,
     }
 
-    impl Default for Volumes {
-        fn default() -> Self {
+    impl Volumes {
+        /// Those of this computer.
+        pub(in crate::update) fn new() -> Self {
             Self {
                 mounts: "/proc/self/mounts".into(),
                 labels: "/dev/disk/by-label".into(),
                 udisksctl: "udisksctl".into(),
             }
         }
-    }
 
-    impl Volumes {
         /// The folders of all mounted FAT drives.
         pub(in crate::update) fn folders(&self) -> Vec<PathBuf> {
             // Without the table no drive is mounted.
@@ -107,10 +106,14 @@ mod system {
     use std::path::{Path, PathBuf};
 
     /// The drives of a system that mounts each by itself.
-    #[derive(Default)]
     pub(in crate::update) struct Volumes;
 
     impl Volumes {
+        /// Those of this computer.
+        pub(in crate::update) fn new() -> Self {
+            Self
+        }
+
         /// The folders of all drives.
         #[cfg(target_os = "macos")]
         pub(in crate::update) fn folders(&self) -> Vec<PathBuf> {

@@ -413,7 +413,7 @@ fn image_is_copied_to_the_drive_of_a_pico() {
         format!(
             "{name}: {PICO}\n\
              {name}: restarts into its boot loader, to take 4096 bytes; if interrupted, copy {file} to the drive RPI-RP2\n\
-             copies {file} to {drive}\n\
+             copying {file} to {drive}\n\
              {name}: {PICO}\n"
         )
     );

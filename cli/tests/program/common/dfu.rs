@@ -7,7 +7,7 @@ use std::process::{Command, Output};
 use armwire_sim::pty::Pty;
 use crc::{CRC_32_JAMCRC, Crc};
 
-use super::{PROGRAM, TIMEOUT, finish, free_path, install, start};
+use super::{PROGRAM, TIMEOUT, finish, free_path, install, retry_while_busy, start};
 
 /// A firmware for a board of this name, as a DfuSe file.
 pub(crate) fn image(board: &str) -> Vec<u8> {
@@ -108,7 +108,7 @@ impl Drop for HeldDfuUtil {
 
 /// Updates the adapter on the port with this image, with the `dfu-util` of the folder.
 pub(crate) fn update(port: &str, image: &Path, folder: &Path) -> Output {
-    finish(start(&mut update_command(port, image, folder)))
+    retry_while_busy(|| finish(start(&mut update_command(port, image, folder))))
 }
 
 /// The command of [`update`].

@@ -7,7 +7,7 @@ use std::process::Output;
 use crc::{CRC_32_ISO_HDLC, Crc};
 
 use super::dfu::update_command;
-use super::{finish, free_path, start};
+use super::{finish, free_path, retry_while_busy, start};
 
 /// The file that describes the drive, and its text in revision B2 of the chip.
 pub(crate) const INFO: &str = "INFO_UF2.TXT";
@@ -73,7 +73,8 @@ impl Folders {
     pub(crate) fn update(&self, port: &str, image: &[u8]) -> Output {
         fs::write(&self.file, image).unwrap();
         let mut update = update_command(port, &self.file, &self.drive);
-        finish(start(update.arg("--drive").arg(&self.drive)))
+        update.arg("--drive").arg(&self.drive);
+        retry_while_busy(|| finish(start(&mut update)))
     }
 
     /// The file that the boot loader has taken.
