@@ -7,6 +7,11 @@ const UARTDR = 0x00;
 const SETTINGS = [0x24, 0x28, 0x2c, 0x30];
 const FIFO = 32;
 
+// The pads of the pins, that of GP4, which sends to the arm, and its pull-up (2.19.6.3).
+const PADS = 0x4001c;
+const TX_PAD = 0x04 + 4 * 4;
+const PULL_UP = 1 << 3;
+
 // Bits of UARTFR.
 const BUSY = 1 << 3;
 const TXFF = 1 << 5;
@@ -24,12 +29,14 @@ export class Uart {
   // Bytes in the transmit FIFO, and whether a byte is on the line.
   #level = 0;
   #isBusy = false;
+  #isOneWire = false;
   #transmitter = { isFull: () => this.#level === FIFO, onRoom: () => {} };
 
   constructor(machine, uart) {
     this.#machine = machine;
     this.#uart = uart;
     keepRegisters(uart);
+    this.#watchPad();
     this.#takeBytes();
     this.#showFlags();
     this.#reportSettings();
@@ -95,14 +102,32 @@ export class Uart {
     const { writeUint32 } = uart;
     uart.writeUint32 = (offset, value) => {
       writeUint32.call(uart, offset, value);
-      if (!SETTINGS.includes(offset)) return;
-      const { events } = this.#machine;
-      events.byte(Event.UART);
-      events.word(uart.intDivisor * 64 + uart.fracDivisor);
-      events.word(uart.rp2040.clkPeri);
-      events.word(uart.lineCtrlRegister);
-      events.word(uart.ctrlRegister);
-      this.#machine.stop();
+      if (SETTINGS.includes(offset)) this.#report();
     };
+  }
+
+  // The UART has no mode for one wire. A program that drives the wire at times only pulls it up: then it is connected
+  // to both pins.
+  #watchPad() {
+    const pads = this.#uart.rp2040.peripherals[PADS];
+    const { writeUint32 } = pads;
+    pads.writeUint32 = (offset, value) => {
+      writeUint32.call(pads, offset, value);
+      if (offset !== TX_PAD) return;
+      this.#isOneWire = (value & PULL_UP) !== 0;
+      this.#report();
+    };
+  }
+
+  #report() {
+    const uart = this.#uart;
+    const { events } = this.#machine;
+    events.byte(Event.UART);
+    events.word(uart.intDivisor * 64 + uart.fracDivisor);
+    events.word(uart.rp2040.clkPeri);
+    events.word(uart.lineCtrlRegister);
+    events.word(uart.ctrlRegister);
+    events.byte(this.#isOneWire ? 1 : 0);
+    this.#machine.stop();
   }
 }

@@ -8,6 +8,8 @@ use armwire_virtual_board::{Chip, Nanos};
 /// Addresses and figures of a chip.
 #[derive(Clone, Debug)]
 pub struct Facts {
+    /// True for a chip with CAN.
+    pub can: bool,
     /// True for CAN FD.
     pub can_fd: bool,
     /// Core cycles per second.
@@ -24,6 +26,14 @@ pub struct Facts {
     /// Highest rate at which bytes in both directions keep the line busy without pauses. The RP2040 makes some after each
     /// burst to the arm.
     pub full_rate: u32,
+    /// Share of the line's limit that the fastest polls reach, at least. The goal is 0.95. A new compiler may cost the rest.
+    pub fastest_poll: f64,
+    /// Bytes of a burst that still go out after it was cut.
+    pub fifo: u64,
+    /// Flash operations of a save, at least: into a page with room, and with an erase.
+    pub save_operations: [usize; 2],
+    /// Variants that a test tries of an STM32's peripherals.
+    pub variants: usize,
     /// True if the UART reports noise.
     pub reports_noise: bool,
     /// The serial number that the adapter has from the virtual board's unique id.
@@ -69,6 +79,7 @@ pub const fn facts(chip: Chip) -> Facts {
     match chip {
         // Addresses of RM0090, table 1; TIM5 (18.4), USART2 (30.6.4: UE 13, TE 3, RE 2, IDLEIE 4); erases of DS8626, 5.3.12.
         Chip::Stm32f405 => Facts {
+            can: true,
             can_fd: false,
             core_hz: 168_000_000,
             latency: 21_000,
@@ -76,6 +87,10 @@ pub const fn facts(chip: Chip) -> Facts {
             flooded: NonZeroU32::new(4).unwrap(),
             erase: [Nanos::from_millis(250), Nanos::from_millis(500)],
             full_rate: 2_000_000,
+            fastest_poll: 0.92,
+            fifo: 0,
+            save_operations: [4, 5],
+            variants: usize::MAX,
             reports_noise: true,
             serial: "200041000B35315035563033",
             registers: Some(Registers {
@@ -91,6 +106,7 @@ pub const fn facts(chip: Chip) -> Facts {
         },
         // Addresses of RM0440, table 3; TIM2 (30.5), USART2 (37.8.2: UE 0, TE 3, RE 2, IDLEIE 4); erases of DS12589.
         Chip::Stm32g431 => Facts {
+            can: true,
             can_fd: true,
             core_hz: 160_000_000,
             latency: 27_500,
@@ -98,6 +114,10 @@ pub const fn facts(chip: Chip) -> Facts {
             flooded: NonZeroU32::new(3).unwrap(),
             erase: [Nanos(22_020_000), Nanos(24_470_000)],
             full_rate: 2_000_000,
+            fastest_poll: 0.92,
+            fifo: 0,
+            save_operations: [4, 5],
+            variants: usize::MAX,
             reports_noise: true,
             serial: "200041000B35315035563033",
             registers: Some(Registers {
@@ -113,6 +133,7 @@ pub const fn facts(chip: Chip) -> Facts {
         },
         // Erases of W25Q16JV, 9.6. The flash's unique id has eight bytes.
         Chip::Rp2040 => Facts {
+            can: false,
             can_fd: false,
             core_hz: 125_000_000,
             latency: 60_000,
@@ -120,6 +141,10 @@ pub const fn facts(chip: Chip) -> Facts {
             flooded: NonZeroU32::MIN,
             erase: [Nanos::from_millis(45), Nanos::from_millis(400)],
             full_rate: 115_200,
+            fastest_poll: 0.85,
+            fifo: 32,
+            save_operations: [2, 3],
+            variants: 1,
             reports_noise: false,
             serial: "200041000B353150",
             registers: None,

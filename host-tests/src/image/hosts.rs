@@ -14,7 +14,7 @@ use armwire_virtual_board::line::Arm;
 use armwire_virtual_board::{Error, Nanos, VirtualBoard};
 
 use super::ticket_arm::{CAN, Ticket, USB, number_in};
-use super::{BIT_RATE, CanProgram, Control, MEGABAUD, plug_in};
+use super::{BIT_RATE, CanProgram, Control, MEGABAUD, facts, plug_in};
 
 /// Polling period without received bytes, and with bytes that no host reads.
 pub(super) const POLL_PERIOD: Nanos = Nanos(250_000);
@@ -361,6 +361,8 @@ impl Hosts {
         let mut hosts = Self::default();
         hosts.usb.tracker.initiator = USB;
         hosts.can.tracker.initiator = CAN;
+        // A host on a bus without an adapter has nothing to do.
+        hosts.can.hangs = !facts(board.chip()).can;
         hosts.subscriber.open(board);
         hosts
     }

@@ -18,7 +18,8 @@ const RATE_SETTLES: Nanos = Nanos::from_millis(110);
 
 /// Runs `test` with a DMA that restarts and with one that resumes.
 fn with_either_dma(test: impl Fn(&mut VirtualBoard<RawArm>)) {
-    for reenabled in [Reenabled::Restarts, Reenabled::Resumes] {
+    let variants = [Reenabled::Restarts, Reenabled::Resumes];
+    for reenabled in variants.into_iter().take(facts(chip()).variants) {
         println!("a stream that is enabled again: {reenabled:?}");
         let mut config = Config::new(path(), RawArm::default());
         config.reenabled = reenabled;

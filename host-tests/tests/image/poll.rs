@@ -5,7 +5,9 @@ use armwire_bridge::Duration;
 use armwire_bridge::config::{Config, Poll};
 use armwire_bridge::control;
 use armwire_host_tests::image::requests::frame;
-use armwire_host_tests::image::{CanProgram, Control, MEGABAUD, Program, byte_time, counters, on_board, plug_in};
+use armwire_host_tests::image::{
+    CanProgram, Control, MEGABAUD, Program, byte_time, chip, counters, facts, on_board, plug_in,
+};
 use armwire_sim::ling::LingArm;
 use armwire_virtual_board::line::{Arm, Direction, LineByte};
 use armwire_virtual_board::{Nanos, VirtualBoard};
@@ -131,8 +133,7 @@ fn fastest_poll_saturates_the_wire() {
                 rate * 1e6,
                 100.0 * rate * least
             );
-            // The goal is 0.95. A new compiler may cost the rest.
-            assert!(rate * least >= 0.92);
+            assert!(rate * least >= facts(chip()).fastest_poll);
             assert_eq!(counters(board).unanswered_requests, 0);
         });
     }

@@ -8,7 +8,9 @@ use armwire_bridge::can::command::Command;
 use armwire_bridge::config::{Can, Config, HostTimeout, Poll};
 use armwire_bridge::control::{self, Failure, HOLD_LEASE_MS, LineHolder, LineState, Reply};
 use armwire_host_tests::image::requests::{frame, motion};
-use armwire_host_tests::image::{Control, MEGABAUD, RawArm, counters, noise, on_board, plug_in, same_bytes};
+use armwire_host_tests::image::{
+    Control, MEGABAUD, RawArm, byte_time, chip, counters, facts, noise, on_board, plug_in, same_bytes,
+};
 use armwire_virtual_board::line::{Direction, LineByte, Outcome};
 use armwire_virtual_board::usb::cdc::LineCoding;
 use armwire_virtual_board::{Nanos, VirtualBoard};
@@ -209,7 +211,8 @@ fn torque_off_at_the_arms_rate(baud: u32) {
         assert_eq!(last.outcome, Outcome::Arrived, "nothing is sent after it");
         // The bytes at the other rate were cut just before.
         assert_eq!(before.outcome, Outcome::Garbled);
-        assert!(last.at.since(before.at) < millis(10), "{:?}", last.at.since(before.at));
+        let cut = Nanos(facts(chip()).fifo * byte_time(baud).0) + millis(10);
+        assert!(last.at.since(before.at) < cut, "{:?}", last.at.since(before.at));
         let after = last.at.since(sent).0;
         assert!(
             (300_000_000..450_000_000).contains(&after),

@@ -189,12 +189,13 @@ pub(super) enum Event {
     },
     /// A byte was written to the transmit FIFO.
     Byte(u8),
-    /// The settings of the UART: the divisor in 64ths, the clock in hertz, UARTLCR_H and UARTCR.
+    /// The settings of the UART: the divisor in 64ths, the clock in hertz, UARTLCR_H, UARTCR, and true for one wire.
     Uart {
         divisor: u32,
         clock: u32,
         format: u32,
         control: u32,
+        one_wire: bool,
     },
     /// A write to a register of the USB controller.
     Usb(UsbRegister, u32),
@@ -244,6 +245,7 @@ impl<'a> Reader<'a> {
                 clock: self.word()?,
                 format: self.word()?,
                 control: self.word()?,
+                one_wire: self.byte()? != 0,
             },
             3 => {
                 let register = match self.byte()? {

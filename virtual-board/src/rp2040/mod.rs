@@ -173,7 +173,10 @@ impl Rp2040 {
                 clock,
                 format,
                 control,
-            } => self.uart.configure(divisor, clock, format, control, now),
+                one_wire,
+            } => self
+                .uart
+                .configure(uart::bit(divisor, clock), format, control, one_wire, now),
             Event::Usb(register, value) => self.usb.write(register, value),
             Event::Buffer { index, control, packet } => self.usb.write_buffer(index, control, packet, now),
             Event::Endpoint { index, control } => self.usb.write_endpoint(index, control),

@@ -47,11 +47,11 @@ impl Uart {
         self.shifter.set(self.settings, now);
     }
 
-    /// Applies the registers: the divisor of the clock in 64ths (4.2.7.1), the clock in hertz, UARTLCR_H and UARTCR.
-    pub(super) fn configure(&mut self, divisor: u32, clock: u32, format: u32, control: u32, now: Nanos) {
+    /// Applies a bit time, UARTLCR_H and UARTCR, and one wire for both directions or two.
+    pub(super) fn configure(&mut self, bit: u64, format: u32, control: u32, half_duplex: bool, now: Nanos) {
         let is_on = |bit| control & (UARTEN | bit) == UARTEN | bit;
         self.settings = Settings {
-            bit: (u64::from(divisor) * SECOND / 4).checked_div(clock.into()).unwrap_or(0),
+            bit,
             format: Format {
                 parity: match (format & PEN, format & EPS) {
                     (0, _) => Parity::None,
@@ -60,7 +60,7 @@ impl Uart {
                 },
                 two_stop_bits: format & STP2 != 0,
             },
-            half_duplex: false,
+            half_duplex,
             transmits: is_on(TXE),
             receives: is_on(RXE),
         };
@@ -119,4 +119,9 @@ impl Uart {
             self.next = self.fifo.pop_front();
         }
     }
+}
+
+/// The bit time in picoseconds, by the divisor of the clock in 64ths (4.2.7.1) and the clock in hertz; 0 without a clock.
+pub(super) fn bit(divisor: u32, clock: u32) -> u64 {
+    (u64::from(divisor) * SECOND / 4).checked_div(clock.into()).unwrap_or(0)
 }
