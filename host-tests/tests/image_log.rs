@@ -24,7 +24,7 @@ const FLAGS: u64 = 44;
 const BLOCK_IF_FULL: u32 = 2;
 
 /// The firmware's clock, and the value of its queue's flag while it is in use: the next user panics.
-const CLOCK: &str = "5board4time5CLOCK";
+const CLOCK: &str = "5board6timers5CLOCK";
 const IN_USE: u32 = 1;
 
 /// Longer than the watchdog's timeout at its slowest clock, and a start.

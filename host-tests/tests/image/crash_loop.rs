@@ -60,7 +60,7 @@ impl End {
         match self {
             // The firmware finds the queue of its clock borrowed.
             Self::Panic => {
-                let clock = board.symbol("5board4time5CLOCK").unwrap();
+                let clock = board.symbol("5board6timers5CLOCK").unwrap();
                 while let Ok(()) = board.run_for(millis(3)) {
                     board.write_word(clock, 1).unwrap();
                 }

@@ -24,7 +24,7 @@ const RESTART_TIMEOUT: Nanos = Nanos::from_millis(4_500);
 
 /// The symbol of the firmware's clock. Its first word is the borrow flag of the queue in it. The name and layout depend
 /// on the compiler: if they change, the firmware does not panic, and the run fails.
-const CLOCK: &str = "5board4time5CLOCK";
+const CLOCK: &str = "5board6timers5CLOCK";
 const IN_USE: u32 = 1;
 
 /// Time limit for the device to accept the next SETUP.
