@@ -13,6 +13,7 @@ use clap::Args;
 use self::options::DemoOptions;
 use crate::board::Board;
 use crate::cargo::{cargo, target_dir};
+use crate::examples::install_emulator;
 use crate::image;
 use crate::process::{self, replace_ourselves};
 
@@ -27,6 +28,9 @@ pub(crate) struct Options {
 
 /// Builds the image and the virtual board at the same time, for two targets, and hands over to the demo.
 pub(crate) fn run(Options { board, demo }: Options) -> Result<()> {
+    if board == Board::PICO {
+        install_emulator()?;
+    }
     let image = thread::scope(|scope| {
         // An error of this build shows in `cargo run`.
         scope.spawn(|| command("build").arg("--quiet").stderr(Stdio::null()).status());
