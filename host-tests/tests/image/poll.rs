@@ -59,6 +59,49 @@ fn exchanges(line: &[LineByte]) -> Vec<Exchange> {
     exchanges
 }
 
+/// Polls at 200 Hz for two seconds, each 5 ms after the one before. The stamps of the answers are their times on the line.
+#[test]
+fn quiet_polls_are_at_their_slots_with_stamps() {
+    const RATE: u16 = 200;
+    const PERIOD: u64 = 5_000_000;
+    const POLLS: usize = 400;
+    /// Maximum deviation of an interval, and of a stamp.
+    const LATE: u64 = 10_000;
+    const STAMP: u64 = 2_000;
+    on_board(ling(Duration::from_micros(100)), |board| {
+        plug_in(board, MEGABAUD);
+        let mut control = Control::open(board);
+        control.subscribe(board);
+        let config = Config {
+            poll: Poll::Hertz(RATE),
+            ..Config::default()
+        };
+        control.order(board, control::Request::SetConfig(config));
+        // Not between a poll and its answer.
+        board.uart().forget_bytes();
+        board.run_for(Nanos(POLLS as u64 * PERIOD + PERIOD / 2)).unwrap();
+        let exchanges = exchanges(&board.uart().bytes());
+        assert!(exchanges.len() >= POLLS, "{} polls", exchanges.len());
+        let intervals = exchanges.windows(2).map(|pair| pair[1].start.since(pair[0].start).0);
+        let late = intervals.map(|interval| interval.abs_diff(PERIOD)).max().unwrap();
+        assert!(late <= LATE, "{late} ns");
+
+        let events = control.take_events(board);
+        let stamps = events
+            .iter()
+            .filter(|(_, event)| matches!(event, control::Event::Frame { .. }));
+        let offsets: Vec<u64> = stamps
+            .zip(&exchanges)
+            .map(|((at, _), exchange)| exchange.end.0.abs_diff(at.0 * 1_000))
+            .collect();
+        assert!(offsets.len() >= POLLS, "{} stamps", offsets.len());
+        let off = offsets.iter().max().unwrap() - offsets.iter().min().unwrap();
+        println!("intervals up to {late} ns off, stamps up to {off} ns");
+        assert!(off <= STAMP, "{off} ns");
+        assert_eq!(counters(board).missed_polls, 0);
+    });
+}
+
 #[test]
 fn polls_start_at_their_slots_under_load() {
     /// Polls per second, and the time between two.
