@@ -69,7 +69,7 @@ pub struct Config<A> {
     pub internal_hz: u32,
     /// The chip's DBGMCU_IDCODE: its revision (RM0090, 38.6.1).
     pub idcode: u32,
-    /// The chip's unique id.
+    /// The chip's unique id. The flash of an RP2040 has the first eight bytes.
     pub unique_id: [u8; 12],
     /// The seed of the fault positions at given rates, of the flash content after a loss of power, and of the times
     /// drawn by [`timing`](Self::timing).
@@ -91,7 +91,7 @@ pub struct Config<A> {
     pub instruction_cost: NonZeroU32,
     /// True for the cycles of a Cortex-M4 with the chip's flash, false for one cycle per instruction.
     pub exact_cycles: bool,
-    /// The TCP port for gdb, on this machine only.
+    /// The TCP port for gdb, on this machine only. An RP2040 has none.
     pub gdb: Option<u16>,
 }
 

@@ -1,5 +1,5 @@
-//! A virtual board: the shipped firmware image, unmodified, on a model of the STM32F405RG or STM32G431CB with a USB
-//! host and an arm.
+//! A virtual board: the shipped firmware image, unmodified, on a model of the STM32F405RG or STM32G431CB, or on an
+//! emulated RP2040, with a USB host and an arm.
 //!
 //! ```no_run
 //! use armwire_bridge::Duration;
@@ -19,10 +19,10 @@
 //! ```
 //!
 //! [`core`] is a Cortex-M4, independent of the chip; `soc` has the common parts of all chips; `mcu` has the STM32F405
-//! and the STM32G431, one file per peripheral, register by register. [`usb`] has the USB host, [`can`] the other nodes
-//! on the CAN bus, and [line](mod@line) the serial line to the arm. Section numbers without a name are those of RM0090,
-//! the reference manual of the STM32F405. `docs/virtual-board.md` lists the modelled behaviour with its tests, and the
-//! limits.
+//! and the STM32G431, one file per peripheral, register by register; `rp2040` runs an RP2040 in the process of an
+//! emulator. [`usb`] has the USB host, [`can`] the other nodes on the CAN bus, and [line](mod@line) the serial line to
+//! the arm. Section numbers without a name are those of RM0090, the reference manual of the STM32F405.
+//! `docs/virtual-board.md` lists the modelled behaviour with its tests, and the limits.
 //!
 //! Time is virtual: an instruction takes a cycle, sleep jumps to the next event, and runs are reproducible by their
 //! [trace](VirtualBoard::trace_hash). With one cycle per instruction, latencies are lower bounds;
