@@ -52,6 +52,7 @@ const NOT_RUN: &[(&str, &str)] = &[
     ("campaign::", NO_FACTS),
     ("copy::", NO_FACTS),
     ("latency::", NO_FACTS),
+    ("port_may_be_closed_at_any_moment", NO_FACTS),
     ("service_that_stops", NO_FACTS),
     ("errors_in_many_bytes", NO_NOISE),
     ("line_errors_and_strays", NO_NOISE),

@@ -6,7 +6,7 @@ use armwire_bridge::{Counters, Duration};
 use armwire_virtual_board::{Config as BoardConfig, Nanos, Timing, VirtualBoard};
 
 use super::hosts::{ANSWER_TIMEOUT, POLL_PERIOD};
-use super::{ArmCounts, Hosts, TicketArm, Traffic, counters, facts, on_board_with, path, run_until_unread};
+use super::{ArmCounts, Hosts, TicketArm, Traffic, chip, counters, facts, on_board_with, path, run_until_unread};
 
 /// A board whose arm is a [`TicketArm`], with all [`Hosts`].
 #[derive(Debug)]
@@ -25,16 +25,21 @@ pub struct Session<'a> {
     requests: u32,
 }
 
-/// A configuration with polls at `hertz`, and cyclic telemetry of each answer.
+/// A configuration with polls at `hertz`, and cyclic telemetry of each answer where the chip has CAN.
 pub fn polled(hertz: u16) -> Config {
     Config {
         poll: Poll::Hertz(hertz),
-        can: config::Can {
+        can: can_if_present(config::Can {
             telemetry_hz: config::MAX_POLL_HZ,
             ..config::Can::default()
-        },
+        }),
         ..Config::default()
     }
+}
+
+/// These settings, or the factory defaults on a chip without CAN, which accepts no other.
+pub fn can_if_present(can: config::Can) -> config::Can {
+    if facts(chip()).can { can } else { config::Can::default() }
 }
 
 /// Runs a test with all hosts and an arm with this turnaround. The durations of flash operations and of the USB

@@ -45,7 +45,7 @@ fn adapter_identifies_itself() {
         assert_eq!(identity.board.as_str(), board.chip().to_string());
         assert_eq!(identity.serial, facts(board.chip()).serial);
         assert_eq!(identity.can_fd, facts(board.chip()).can_fd);
-        assert!(!identity.no_can);
+        assert_eq!(identity.no_can, !facts(board.chip()).can);
         // The commit of the build, if known: twelve digits, and a plus sign for changed files.
         let commit = identity.commit.trim_end_matches('+');
         assert!(commit.is_empty() || commit.len() == 12, "{commit}");

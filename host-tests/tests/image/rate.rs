@@ -9,7 +9,7 @@ use armwire_bridge::config::{Can, Config, HostTimeout, Poll};
 use armwire_bridge::control::{self, Failure, HOLD_LEASE_MS, LineHolder, LineState, Reply};
 use armwire_host_tests::image::requests::{frame, motion};
 use armwire_host_tests::image::{
-    Control, MEGABAUD, RawArm, byte_time, chip, counters, facts, noise, on_board, plug_in, same_bytes,
+    Control, MEGABAUD, RawArm, byte_time, can_if_present, chip, counters, facts, noise, on_board, plug_in, same_bytes,
 };
 use armwire_virtual_board::line::{Direction, LineByte, Outcome};
 use armwire_virtual_board::usb::cdc::LineCoding;
@@ -32,10 +32,10 @@ fn set_up(board: &mut Board, poll: Poll) -> Control {
     let mut control = Control::open(board);
     let config = Config {
         poll,
-        can: Can {
+        can: can_if_present(Can {
             commands: true,
             ..Can::default()
-        },
+        }),
         host_timeout: HostTimeout {
             after_ms: 300,
             torque_off: true,

@@ -396,6 +396,25 @@ fn answer_at_any_moment_of_reopening_is_accounted_for() {
 }
 
 #[test]
+fn port_may_be_closed_at_any_moment_of_a_packet() {
+    on_board(RawArm::default(), |board| {
+        plug_in(board, MEGABAUD);
+        let frame = encoded(|bytes| Ling.encode_response(&Response::Stroke(Stroke::Mm50), None, bytes));
+        let on_line = frame.len() as u64 * byte_time(MEGABAUD).0;
+        for nth in 0..1_000 {
+            // It ends up to 20 µs after the request to the port begins, in steps of 20 ns.
+            board.with_arm(|arm| arm.send(&frame));
+            board.run_for(Nanos(on_line - nth * 20)).unwrap();
+            board.usb().set_control_lines(false, true).unwrap();
+            read_all(board);
+            board.usb().set_control_lines(true, true).unwrap();
+            board.with_arm(|arm| arm.send(&frame));
+            assert_eq!(read_all(board), frame, "{nth}");
+        }
+    });
+}
+
+#[test]
 fn arm_is_readable_after_every_cable_event() {
     on_board(LingArm::new(armwire_sim::ling::Config::follower()), |board| {
         let mut program = Program::default();

@@ -190,10 +190,13 @@ pub(crate) fn cancel_unfetched_packet(endpoint: usize) -> bool {
     let was_valid = critical_section::with(|_| {
         let was_valid = status(address) == Stat::VALID;
         if was_valid {
-            // If the host fetches it at this moment, the endpoint is at NAK, and this makes it STALL until the next
-            // line: the host's next token comes later than that.
+            // The host's acknowledgement sets NAK, once. Just before this write, it makes it STALL until the next line:
+            // the host's next token comes later than that.
             set_status(address, Stat::DISABLED);
-            set_status(address, Stat::NAK);
+            // Just before one of these writes, it makes it DISABLED again.
+            while status(address) != Stat::NAK {
+                set_status(address, Stat::NAK);
+            }
         }
         was_valid
     });
