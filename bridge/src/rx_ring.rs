@@ -231,11 +231,18 @@ impl<const SIZE: usize> RxRing<SIZE> {
     }
 
     /// Takes the next unread bytes before `end`, at most `max`. They are at these indices of the ring, in order. Read
-    /// them before the DMA has gone round.
+    /// them before the DMA has gone round. Marks before the last of them are dropped.
     pub fn take(&mut self, end: usize, max: usize) -> [Range<usize>; 2] {
         let start = self.head;
-        let stop = start.wrapping_add(self.unread(end).min(max));
+        let len = self.unread(end).min(max);
+        let stop = start.wrapping_add(len);
         self.head = stop & Self::MASK;
+        // The interrupt handler may have marked some of them after the task looked for marks.
+        while let Some(mark) = self.marks.front()
+            && Self::distance(start, mark.end) < len
+        {
+            self.marks.pop_front();
+        }
         if let Wait::Bridge { wait, .. } = &mut self.wait {
             // The bridge may wait for an idle line after these bytes.
             wait.idle |= start != stop;

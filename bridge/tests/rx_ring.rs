@@ -428,6 +428,20 @@ fn mark_after_the_end_is_kept() {
 }
 
 #[test]
+fn mark_of_bytes_already_read_hides_no_later_one() {
+    let mut ring = RxRing::<SIZE>::new();
+    ring.set(WAIT);
+    assert_eq!(ring.take_mark(7), None);
+    // The interrupt handler is behind the DMA, and reports these bytes between both calls of the task.
+    assert!(ring.arrived(4, TERMINATOR, || Instant::ZERO));
+    assert!(ring.arrived(6, TERMINATOR, || Instant::ZERO));
+    assert_eq!(ring.take(7, 64), [0..7, 0..0]);
+    ring.set(WAIT);
+    assert!(ring.idle(9, Instant::ZERO));
+    assert_eq!(ring.take_mark(9).map(|mark| mark.end), Some(9));
+}
+
+#[test]
 fn bytes_around_the_turn_are_two_ranges() {
     let mut ring = RxRing::<SIZE>::new();
     ring.discard(30);
