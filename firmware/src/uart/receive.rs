@@ -126,9 +126,11 @@ impl Receiver {
     /// Since [`stop`](Self::stop) the UART may hold a byte, which is lost when the next one is in, too. No call of the
     /// bridge may come in between.
     pub(super) fn start<'a>(&mut self, dma: &'a mut Dma, coding: LineCoding) -> Transfer<'a> {
-        // Positions of before are invalid from here on.
-        self.idle = with_ring(RxRing::restart);
-        chip::start(dma, coding)
+        // An interrupt handler in between would record an old position of the DMA in the new ring.
+        critical_section::with(|_| {
+            self.idle = with_ring(RxRing::restart);
+            chip::start(dma, coding)
+        })
     }
 
     /// Passes the bytes that were kept when the DMA was stopped to the bridge.
