@@ -33,7 +33,7 @@ pub use figures::Spread;
 pub use hosts::{CanHost, Hosts, RequestTracker, Subscriber, Telemetry, UsbHost, run_until_unread};
 pub use program::{Program, ProgramOf};
 pub use raw_arm::RawArm;
-pub use session::{Session, can_if_present, polled, session};
+pub use session::{Session, for_chip, polled, session};
 pub use ticket_arm::{ArmCounts, Ticket, TicketArm, joint_answer, number_of, numbered_answer};
 pub use traffic::Traffic;
 

@@ -3,10 +3,10 @@
 use armwire_bridge::config::{self, Config, Poll};
 use armwire_bridge::control::Request;
 use armwire_bridge::{Counters, Duration};
-use armwire_virtual_board::{Config as BoardConfig, Nanos, Timing, VirtualBoard};
+use armwire_virtual_board::{Chip, Config as BoardConfig, Nanos, Timing, VirtualBoard};
 
 use super::hosts::{ANSWER_TIMEOUT, POLL_PERIOD};
-use super::{ArmCounts, Hosts, TicketArm, Traffic, chip, counters, facts, on_board_with, path, run_until_unread};
+use super::{ArmCounts, Hosts, TicketArm, Traffic, counters, facts, on_board_with, path, run_until_unread};
 
 /// A board whose arm is a [`TicketArm`], with all [`Hosts`].
 #[derive(Debug)]
@@ -25,21 +25,27 @@ pub struct Session<'a> {
     requests: u32,
 }
 
-/// A configuration with polls at `hertz`, and cyclic telemetry of each answer where the chip has CAN.
+/// A configuration with polls at `hertz`, and cyclic telemetry of each answer.
 pub fn polled(hertz: u16) -> Config {
     Config {
         poll: Poll::Hertz(hertz),
-        can: can_if_present(config::Can {
+        can: config::Can {
             telemetry_hz: config::MAX_POLL_HZ,
             ..config::Can::default()
-        }),
+        },
         ..Config::default()
     }
 }
 
-/// These settings, or the factory defaults on a chip without CAN, which accepts no other.
-pub fn can_if_present(can: config::Can) -> config::Can {
-    if facts(chip()).can { can } else { config::Can::default() }
+/// A configuration that the chip accepts: without CAN, the settings of the bus are the factory defaults.
+pub fn for_chip(chip: Chip, config: Config) -> Config {
+    match facts(chip).can {
+        true => config,
+        false => Config {
+            can: config::Can::default(),
+            ..config
+        },
+    }
 }
 
 /// Runs a test with all hosts and an arm with this turnaround. The durations of flash operations and of the USB
@@ -54,6 +60,7 @@ pub fn session<R>(turnaround: Duration, config: Config, test: impl FnOnce(&mut S
         ..BoardConfig::new(path(), TicketArm::new(turnaround))
     };
     on_board_with(slow, |board| {
+        let config = for_chip(board.chip(), config);
         let mut session = Session {
             hosts: Hosts::connect(board),
             before: counters(board),

@@ -9,7 +9,7 @@ use armwire_bridge::config::{Can, Config, HostTimeout, Poll};
 use armwire_bridge::control::{self, Failure, HOLD_LEASE_MS, LineHolder, LineState, Reply};
 use armwire_host_tests::image::requests::{frame, motion};
 use armwire_host_tests::image::{
-    Control, MEGABAUD, RawArm, byte_time, can_if_present, chip, counters, facts, noise, on_board, plug_in, same_bytes,
+    Control, MEGABAUD, RawArm, byte_time, chip, counters, facts, for_chip, noise, on_board, plug_in, same_bytes,
 };
 use armwire_virtual_board::line::{Direction, LineByte, Outcome};
 use armwire_virtual_board::usb::cdc::LineCoding;
@@ -32,17 +32,17 @@ fn set_up(board: &mut Board, poll: Poll) -> Control {
     let mut control = Control::open(board);
     let config = Config {
         poll,
-        can: can_if_present(Can {
+        can: Can {
             commands: true,
             ..Can::default()
-        }),
+        },
         host_timeout: HostTimeout {
             after_ms: 300,
             torque_off: true,
         },
         ..Config::default()
     };
-    control.order(board, control::Request::SetConfig(config));
+    control.order(board, control::Request::SetConfig(for_chip(board.chip(), config)));
     control
 }
 
