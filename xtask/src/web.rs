@@ -21,6 +21,8 @@ pub(crate) const PAGE: &str = "web";
 /// The picture in README, of those that the tests take.
 const PICTURE: &str = "1280x800-light.png";
 const TARGET: &str = "wasm32-unknown-unknown";
+/// The command that builds the engine.
+const ENGINE: &str = "build --package armwire-web --profile web --locked --quiet";
 /// The module's name in cargo and on the page.
 const MODULE: &str = "armwire_web.wasm";
 const SERVED_MODULE: &str = "armwire.wasm";
@@ -61,7 +63,7 @@ pub(crate) fn run_all(options: &Options) -> Result<()> {
     if options.build {
         return Ok(());
     }
-    test_engine()?;
+    run(&mut cargo("test --package armwire-web --locked --quiet"))?;
     test_page(&page)?;
     if options.write {
         fs::copy(screenshots()?.join(PICTURE), root().join("docs/page.png"))?;
@@ -76,8 +78,7 @@ fn build() -> Result<PathBuf> {
     run(Command::new("npm")
         .args(["ci", "--ignore-scripts", "--no-audit", "--no-fund"])
         .current_dir(&test))?;
-    let mut build = cargo_for(TARGET, "build --release --locked --quiet")?;
-    run(build.current_dir(folder("engine")))?;
+    run(&mut cargo_for(TARGET, ENGINE)?)?;
 
     let page = target_dir()?.join(PAGE);
     empty_folder(&page)?;
@@ -91,7 +92,7 @@ fn build() -> Result<PathBuf> {
         }
     }
     let module = page.join(SERVED_MODULE);
-    let built = target_dir()?.join(TARGET).join("release").join(MODULE);
+    let built = target_dir()?.join(TARGET).join("web").join(MODULE);
     run(Command::new(test.join("node_modules/.bin/wasm-opt"))
         .arg("-Oz")
         .args(WASM_FEATURES)
@@ -105,21 +106,6 @@ fn build() -> Result<PathBuf> {
         "{SERVED_MODULE} has {size} bytes, at most {MAX_MODULE} are allowed"
     );
     Ok(page)
-}
-
-/// Tests the engine on the desktop.
-fn test_engine() -> Result<()> {
-    for words in [
-        "fmt --check",
-        "clippy --all-targets --locked --quiet -- -D warnings",
-        "test --locked --quiet",
-    ] {
-        let mut command = cargo(words);
-        run(command
-            .current_dir(folder("engine"))
-            .env("CARGO_TARGET_DIR", target_dir()?))?;
-    }
-    Ok(())
 }
 
 /// Tests the modules in Node.js, and the page in this folder in headless Chromium.

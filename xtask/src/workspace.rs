@@ -3,10 +3,9 @@
 use std::path::Path;
 
 /// Packages outside the workspace, as arguments of cargo: their dependencies are compiled for them alone.
-pub(crate) const ALONE: [&str; 3] = [
+pub(crate) const ALONE: [&str; 2] = [
     "--manifest-path=host-tests/fuzz/Cargo.toml",
     "--manifest-path=host-tests/benches/Cargo.toml",
-    "--manifest-path=web/engine/Cargo.toml",
 ];
 
 pub(crate) fn root() -> &'static Path {
