@@ -49,10 +49,24 @@ pub(super) fn run_all(archive: &Path, folder: &Path) -> Result<()> {
     let mut check = Command::new("sha256sum");
     check.args(["--check", "--quiet", "SHA256SUMS"]);
     run(check.current_dir(&release))?;
+    check_links(&release)?;
     run(Command::new(release.join("bin/armwire")).arg("--version"))?;
     try_library(&release, folder)?;
     try_wheels(&release.join("python"), folder)?;
     web::test_page(&release.join("web"))
+}
+
+/// Checks that README links to nothing that the release lacks.
+fn check_links(release: &Path) -> Result<()> {
+    let readme = fs::read_to_string(release.join("README.md"))?;
+    let links = readme
+        .split("](")
+        .skip(1)
+        .filter_map(|rest| rest.split([')', '#']).next());
+    for link in links.filter(|link| !link.is_empty() && !link.contains("://")) {
+        ensure!(release.join(link).exists(), "README.md: the release lacks {link}");
+    }
+    Ok(())
 }
 
 /// Links the example in C with the library for this machine.
