@@ -94,7 +94,7 @@ enum Command {
     Targets,
     /// Build the examples, and run the RP2040's on an emulated chip
     Examples,
-    /// Run the Pico's image on an emulated chip, with a virtual arm
+    /// Run the Pico's image on an emulated chip
     Pico(pico::Options),
     /// Run the images of the other boards on the virtual board
     Boards,

@@ -6,16 +6,16 @@ use anyhow::{Result, ensure};
 use clap::Args;
 
 use crate::board::Board;
-use crate::cargo::{cargo, target_dir};
+use crate::cargo::cargo;
 use crate::examples::install_emulator;
 use crate::image;
 use crate::process::{output, run};
 use crate::workspace::root;
 
-/// Folder of the tests in JavaScript.
-const TESTS: &str = "host-tests/pico";
+/// The tests of the emulator's differences from the chip.
+const EMULATOR_TESTS: &str = "virtual-board/rp2040/rp2040js.test.mjs";
 
-/// The command for the image tests that the other chips have, too.
+/// The command for the image tests, which the other chips have, too.
 const IMAGE_TESTS: &str = "test --quiet --package armwire-host-tests --features image --test image";
 
 /// Reasons why a test does not run.
@@ -46,8 +46,6 @@ const NOT_RUN: &[(&str, &str)] = &[
     ("crash_loop::", NO_FAULT),
     ("hard_fault_is_counted", NO_FAULT),
     ("adapter_of_exact_cycles", NO_FACTS),
-    ("boards::image_takes", NO_FACTS),
-    ("boards::led", NO_FACTS),
     ("boards::telemetry", NO_CAN),
     ("campaign::", NO_FACTS),
     ("copy::", NO_FACTS),
@@ -78,20 +76,16 @@ impl Options {
     pub(crate) const HOUR: Self = Self { seconds: 3600 };
 }
 
-/// Builds the image and the command, and runs the tests.
+/// Builds the image, installs the emulator, and runs the tests.
 ///
 /// # Errors
 ///
 /// If a build fails, a tool is missing and cannot be installed, or a test fails.
 pub(crate) fn test(options: &Options) -> Result<()> {
     let image = image::release(Board::PICO)?;
-    run(&mut cargo("build --quiet --package armwire-cli"))?;
     install_emulator()?;
     run(Command::new("node")
-        .args(["--test", "--test-reporter=spec", TESTS])
-        .env("ARMWIRE_IMAGE", &image.path)
-        .env("ARMWIRE", target_dir()?.join("debug/armwire"))
-        .env("ARMWIRE_POLL_SECONDS", options.seconds.to_string())
+        .args(["--test", EMULATOR_TESTS])
         .current_dir(root()))?;
     check_not_run()?;
     let mut tests = cargo(IMAGE_TESTS);
@@ -99,7 +93,8 @@ pub(crate) fn test(options: &Options) -> Result<()> {
         println!("not run: {name} ({reason})");
         ["--skip", name]
     }));
-    run(tests.env("ARMWIRE_IMAGE", &image.path))
+    tests.env("ARMWIRE_IMAGE", &image.path);
+    run(tests.env("ARMWIRE_POLL_SECONDS", options.seconds.to_string()))
 }
 
 /// Checks that each part of a name is that of a test.

@@ -11,25 +11,44 @@ use armwire_host_tests::image::{
 };
 use armwire_sim::ling::{self, LingArm};
 use armwire_virtual_board::line::Arm;
-use armwire_virtual_board::{Config as BoardConfig, Nanos, VirtualBoard};
+use armwire_virtual_board::{Chip, Config as BoardConfig, Nanos, VirtualBoard};
 
-/// Distance of two ports, and their registers (RM0090 8.4, RM0440 9.4).
+/// Distance of two ports of an STM32, and their registers (RM0090 8.4, RM0440 9.4).
 const PORT: u64 = 0x400;
 const MODER: u64 = 0x00;
 const ODR: u64 = 0x14;
 const AFRL: u64 = 0x20;
 /// Values of a pin in MODER.
+const INPUT: u32 = 0b00;
 const OUTPUT: u32 = 0b01;
 const ALTERNATE: u32 = 0b10;
 /// The alternate function of CAN.
 const CAN: u32 = 9;
 
-/// Ports of the chips: GPIOA to GPIOG.
+/// Ports of an STM32: GPIOA to GPIOG.
 const PORTS: u64 = 7;
 const PINS: u64 = 16;
 
-/// The pins of USB, which the STM32G431 connects without an alternate function.
-const USB: [Pin; 2] = [Pin(Port::A, 11), Pin(Port::A, 12)];
+/// The pins of an RP2040, and their registers (2.19.6.1).
+const GP_PINS: u64 = 30;
+const GP_STATUS: u64 = 0x4001_4000;
+const GP_CONTROL: u64 = 0x4001_4004;
+const GP_REGISTERS: u64 = 8;
+/// OUTTOPAD in GP_STATUS.
+const GP_LEVEL: u32 = 9;
+/// FUNCSEL in GP_CONTROL: the function of the processor, and none.
+const GP_FUNCTION: u32 = 0x1F;
+const GP_SIO: u32 = 5;
+const GP_NONE: u32 = 0x1F;
+
+/// The pins of USB: PA11 and PA12, which the STM32G431 connects without an alternate function. Those of the RP2040 have no
+/// other use.
+fn usb_pins() -> &'static [Pin] {
+    match chip() {
+        Chip::Rp2040 => &[],
+        _ => &[Pin(Port::A, 11), Pin(Port::A, 12)],
+    }
+}
 
 const fn millis(millis: u64) -> Nanos {
     Nanos::from_millis(millis)
@@ -56,6 +75,16 @@ fn register(Pin(port, _): Pin, register: u64) -> u64 {
 
 /// The mode of each pin of the chip, by port and number.
 fn modes<A: Arm>(board: &mut VirtualBoard<A>) -> Vec<u32> {
+    if chip() == Chip::Rp2040 {
+        let pins = (0..GP_PINS).map(|pin| board.read_word(GP_CONTROL + pin * GP_REGISTERS).unwrap());
+        return pins
+            .map(|control| match control & GP_FUNCTION {
+                GP_NONE => INPUT,
+                GP_SIO => OUTPUT,
+                _ => ALTERNATE,
+            })
+            .collect();
+    }
     let ports = (0..PORTS).map(|port| facts(chip()).registers().gpioa + port * PORT + MODER);
     ports
         .flat_map(|moder| {
@@ -67,17 +96,23 @@ fn modes<A: Arm>(board: &mut VirtualBoard<A>) -> Vec<u32> {
 
 /// The place of a pin in [`modes`].
 fn place(Pin(port, number): Pin) -> usize {
-    port as usize * PINS as usize + usize::from(number)
+    match port {
+        Port::Gp => number.into(),
+        port => port as usize * PINS as usize + usize::from(number),
+    }
 }
 
-/// The pins of CAN. All chips of the virtual board have it.
-fn can_pins(board: &Board) -> [Pin; 2] {
-    let pins = board.can.unwrap();
-    [pins.rx, pins.tx]
+/// The pins of CAN, if the board has it.
+fn can_pins(board: &Board) -> impl Iterator<Item = Pin> {
+    board.can.into_iter().flat_map(|pins| [pins.rx, pins.tx])
 }
 
 fn is_high<A: Arm>(board: &mut VirtualBoard<A>, pin: Pin) -> bool {
-    board.read_word(register(pin, ODR)).unwrap() >> pin.1 & 1 != 0
+    let (register, bit) = match pin {
+        Pin(Port::Gp, number) => (GP_STATUS + u64::from(number) * GP_REGISTERS, GP_LEVEL),
+        Pin(_, number) => (register(pin, ODR), number.into()),
+    };
+    board.read_word(register).unwrap() >> bit & 1 != 0
 }
 
 #[test]
@@ -107,14 +142,16 @@ fn image_takes_only_the_pins_of_its_board() {
             look(board);
         }
         plug_in(board, MEGABAUD);
-        board.can().attach(BIT_RATE);
+        if facts(chip()).can {
+            board.can().attach(BIT_RATE);
+        }
         exchange(board, &[1, 2, 3, 4], &[5, 6, 7, 8]);
         for _ in 0..100 {
             board.run_for(millis(10)).unwrap();
             look(board);
         }
-        for pin in USB {
-            taken.remove(&place(pin));
+        for pin in usb_pins() {
+            taken.remove(&place(*pin));
         }
         let line = [this.uart.tx(), this.uart.rx()];
         let expected = line.into_iter().chain(can_pins(this)).chain([this.led.pin]);

@@ -1,5 +1,7 @@
 //! Polls by the firmware image: on time at a fixed rate, and as fast as the wire allows.
 
+use std::env;
+
 use armwire::ling::Request;
 use armwire_bridge::Duration;
 use armwire_bridge::config::{Config, Poll};
@@ -59,15 +61,16 @@ fn exchanges(line: &[LineByte]) -> Vec<Exchange> {
     exchanges
 }
 
-/// Polls at 200 Hz for two seconds, each 5 ms after the one before. The stamps of the answers are their times on the line.
+/// Polls at 200 Hz for `ARMWIRE_POLL_SECONDS`, two by default. Each is 5 ms after the one before, and the stamps of the
+/// answers are their times on the line.
 #[test]
 fn quiet_polls_are_at_their_slots_with_stamps() {
     const RATE: u16 = 200;
     const PERIOD: u64 = 5_000_000;
-    const POLLS: usize = 400;
     /// Maximum deviation of an interval, and of a stamp.
     const LATE: u64 = 10_000;
     const STAMP: u64 = 2_000;
+    let seconds = env::var("ARMWIRE_POLL_SECONDS").map_or(2, |seconds| seconds.parse().unwrap());
     on_board(ling(Duration::from_micros(100)), |board| {
         plug_in(board, MEGABAUD);
         let mut control = Control::open(board);
@@ -79,24 +82,31 @@ fn quiet_polls_are_at_their_slots_with_stamps() {
         control.order(board, control::Request::SetConfig(config));
         // Not between a poll and its answer.
         board.uart().forget_bytes();
-        board.run_for(Nanos(POLLS as u64 * PERIOD + PERIOD / 2)).unwrap();
-        let exchanges = exchanges(&board.uart().bytes());
-        assert!(exchanges.len() >= POLLS, "{} polls", exchanges.len());
-        let intervals = exchanges.windows(2).map(|pair| pair[1].start.since(pair[0].start).0);
-        let late = intervals.map(|interval| interval.abs_diff(PERIOD)).max().unwrap();
+        board.run_for(Nanos(PERIOD / 2)).unwrap();
+        let (mut polls, mut last) = (0, None);
+        let (mut late, mut early_stamp, mut late_stamp) = (0, u64::MAX, 0);
+        for _ in 0..seconds {
+            board.run_for(Nanos::from_millis(1_000)).unwrap();
+            let exchanges = exchanges(&board.uart().bytes());
+            board.uart().forget_bytes();
+            let events = control.take_events(board);
+            let stamps = events
+                .iter()
+                .filter(|(_, event)| matches!(event, control::Event::Frame { .. }));
+            assert_eq!(exchanges.len(), stamps.clone().count(), "polls and stamps in a second");
+            for (exchange, (at, _)) in exchanges.iter().zip(stamps) {
+                let interval = last.map_or(PERIOD, |last| exchange.start.since(last).0);
+                late = late.max(interval.abs_diff(PERIOD));
+                let off = exchange.end.0.abs_diff(at.0 * 1_000);
+                (early_stamp, late_stamp) = (early_stamp.min(off), late_stamp.max(off));
+                last = Some(exchange.start);
+            }
+            polls += exchanges.len() as u64;
+        }
+        let off = late_stamp - early_stamp;
+        println!("{polls} polls: intervals up to {late} ns off, stamps up to {off} ns");
+        assert!(polls >= seconds * u64::from(RATE), "{polls} polls");
         assert!(late <= LATE, "{late} ns");
-
-        let events = control.take_events(board);
-        let stamps = events
-            .iter()
-            .filter(|(_, event)| matches!(event, control::Event::Frame { .. }));
-        let offsets: Vec<u64> = stamps
-            .zip(&exchanges)
-            .map(|((at, _), exchange)| exchange.end.0.abs_diff(at.0 * 1_000))
-            .collect();
-        assert!(offsets.len() >= POLLS, "{} stamps", offsets.len());
-        let off = offsets.iter().max().unwrap() - offsets.iter().min().unwrap();
-        println!("intervals up to {late} ns off, stamps up to {off} ns");
         assert!(off <= STAMP, "{off} ns");
         assert_eq!(counters(board).missed_polls, 0);
     });
