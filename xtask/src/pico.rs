@@ -60,7 +60,6 @@ const NOT_RUN: &[(&str, &str)] = &[
     ("canfd::", NO_CAN),
     ("held_back::", NO_CAN),
     ("every_frame_of_a_busy_arm", NO_CAN),
-    ("polls_start_at_their_slots_under_load", NO_CAN),
     ("port_at_9600_then_1m_spares_can_stream", NO_CAN),
 ];
 

@@ -121,7 +121,10 @@ fn polls_start_at_their_slots_under_load() {
     const LATE: u64 = 10_000;
     on_board(ling(Duration::from_micros(100)), |board| {
         plug_in(board, MEGABAUD);
-        board.can().attach(1_000_000);
+        let has_can = facts(board.chip()).can;
+        if has_can {
+            board.can().attach(1_000_000);
+        }
         let mut on_can = CanProgram::default();
         let mut on_usb = Program::default();
         poll(board, Poll::Hertz(RATE));
@@ -131,8 +134,8 @@ fn polls_start_at_their_slots_under_load() {
         for nth in 0..600 {
             board.run_for(Nanos((nth * 618_034) % 3_000_000)).unwrap();
             match nth % 2 {
-                0 => drop(on_usb.call(board, Request::ReadTemperatures)),
-                _ => drop(on_can.call(board, &other)),
+                1 if has_can => drop(on_can.call(board, &other)),
+                _ => drop(on_usb.call(board, Request::ReadTemperatures)),
             }
         }
         let exchanges = exchanges(&board.uart().bytes());
@@ -148,7 +151,7 @@ fn polls_start_at_their_slots_under_load() {
                 continue;
             }
             // A delayed poll starts right after the exchange that it waited for.
-            if !is_poll(before) && exchange.start.0 - before.end.0 < 60_000 {
+            if !is_poll(before) && exchange.start.0 - before.end.0 < 100_000 {
                 delayed += 1;
                 continue;
             }
