@@ -83,6 +83,11 @@ impl Board {
         }
     }
 
+    /// True for a board with CAN.
+    pub(crate) const fn has_can(self) -> bool {
+        self.0.can.is_some()
+    }
+
     /// Address of the vector table: the start of flash, behind the second stage of the RP2040's boot loader.
     pub(crate) const fn vectors(self) -> u32 {
         match self.0.chip {

@@ -4,7 +4,9 @@ use anyhow::Result;
 
 use super::python::Python;
 use super::served::ServedBoard;
+use crate::board::Board;
 use crate::cargo::{cargo, target_dir};
+use crate::examples::install_emulator;
 use crate::process;
 
 /// Runs the SDK of the xArm. The script starts virtual arms.
@@ -18,16 +20,19 @@ pub(crate) fn drive_xarm() -> Result<()> {
     python.run("xarm_drive.py", &[&target_dir()?.join("debug/armwire")])
 }
 
-/// Runs the SDK of the Ling arm, with a virtual arm behind the virtual board's serial port.
+/// Runs the SDK of the Ling arm, with a virtual arm behind the serial port of a virtual board, and of an emulated Pico.
 ///
 /// # Errors
 ///
 /// If the SDK reads a wrong value, or a timeout is exceeded.
 pub(crate) fn drive_ling() -> Result<()> {
     let python = python()?;
-    let board = ServedBoard::start(&python.dir)?;
-    let driven = python.run("drive.py", &[board.serial()]);
-    driven.and(board.end())
+    install_emulator()?;
+    [Board::default(), Board::PICO].into_iter().try_for_each(|board| {
+        let board = ServedBoard::start_board(&python.dir, board)?;
+        let driven = python.run("drive.py", &[board.serial()]);
+        driven.and(board.end())
+    })
 }
 
 /// The SDKs, and the needed ones of their dependencies. The others include all of PyTorch.

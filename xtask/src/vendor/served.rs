@@ -26,8 +26,8 @@ pub(crate) struct ServedBoard {
 }
 
 impl ServedBoard {
-    /// Builds the image for the default board and the virtual board, and creates its ports in this folder: `arm`, `bus` and
-    /// `control`.
+    /// Builds the image for the default board and the virtual board, and creates its ports in this folder: `arm`,
+    /// `control`, and `bus` if the board has CAN.
     ///
     /// # Errors
     ///
@@ -53,12 +53,16 @@ impl ServedBoard {
         }
         let mut serve = Command::new(demo);
         serve.arg("--image").arg(image.path);
-        serve.arg("--serve").arg(&serial).arg("--slcan").arg(&can);
-        serve.arg("--control").arg(&control);
+        serve.arg("--serve").arg(&serial).arg("--control").arg(&control);
+        let mut ports = vec![&serial, &control];
+        if board.has_can() {
+            serve.arg("--slcan").arg(&can);
+            ports.push(&can);
+        }
         let mut process = Background::start(&mut serve)?;
-        process.wait_for_file(&serial, BOOT)?;
-        process.wait_for_file(&can, BOOT)?;
-        process.wait_for_file(&control, BOOT)?;
+        for port in ports {
+            process.wait_for_file(port, BOOT)?;
+        }
         Ok(Self {
             process,
             serial,
@@ -72,7 +76,7 @@ impl ServedBoard {
         &self.serial
     }
 
-    /// The CAN bus, behind an SLCAN adapter.
+    /// The CAN bus, behind an SLCAN adapter, of a board with CAN.
     pub(crate) fn can(&self) -> &Path {
         &self.can
     }
