@@ -1,13 +1,15 @@
-//! `cargo fw` and the runner of `cargo run`: the firmware image, built and flashed by probe-rs.
+//! `cargo fw` and the runner of `cargo run`: the firmware image, built, and flashed by probe-rs or by a copy to the drive of
+//! a Pico's boot loader.
 
-use std::fs;
+use std::fs::{self, File};
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::{Command, exit};
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 
-use crate::board::Board;
+use crate::board::{Board, Update};
 use crate::image;
 use crate::process::{output, replace_ourselves};
 use crate::program::Program;
@@ -19,6 +21,9 @@ pub(crate) struct FwOptions {
     /// Flash it with probe-rs, and start it
     #[arg(long)]
     flash: bool,
+    /// Flash it by a copy to the drive of a Pico's boot loader (RPI-RP2), which is mounted at this folder
+    #[arg(long, value_name = "FOLDER", requires = "flash")]
+    drive: Option<PathBuf>,
 }
 
 #[derive(Args)]
@@ -31,16 +36,19 @@ pub(crate) struct Runner {
 ///
 /// # Errors
 ///
-/// If the build fails, or probe-rs is missing.
+/// If the build fails, or if probe-rs or the drive is missing.
 pub(crate) fn run(options: &FwOptions) -> Result<()> {
-    if options.flash {
-        check_probe_rs()?;
+    match &options.drive {
+        Some(drive) => check_drive(drive, options.image.board)?,
+        None if options.flash => check_probe_rs()?,
+        None => {}
     }
     let image = image::build(options.image)?;
     println!("{image}");
     let board = options.image.board;
     match options {
         FwOptions { flash: false, .. } => Ok(()),
+        FwOptions { drive: Some(drive), .. } => copy_to(drive, &image.path.with_extension(board.update().extension())),
         FwOptions { image: options, .. } if options.defmt => attach(board, &image.path),
         _ => {
             // probe-rs reports failures itself, such as a missing probe.
@@ -78,6 +86,35 @@ fn check_probe_rs() -> Result<()> {
     Ok(())
 }
 
+/// Checks that a folder is the drive of this board's boot loader (RP2040 datasheet 2.8.4.2).
+fn check_drive(drive: &Path, board: Board) -> Result<()> {
+    ensure!(
+        board.update() == Update::Uf2,
+        "--drive: the boot loader of {} has no drive",
+        board.name()
+    );
+    let (info, name) = (drive.join("INFO_UF2.TXT"), "RPI-RP2");
+    let text = fs::read_to_string(&info).unwrap_or_default();
+    ensure!(
+        text.contains(name),
+        "{}: not the drive {name}: hold BOOTSEL down while you plug the board in",
+        drive.display()
+    );
+    Ok(())
+}
+
+/// Copies an image to the drive. The boot loader flashes it and starts it.
+fn copy_to(drive: &Path, image: &Path) -> Result<()> {
+    let name = image.file_name().context("an image has a name")?;
+    let bytes = fs::read(image)?;
+    let mut file = File::create(drive.join(name))?;
+    file.write_all(&bytes)?;
+    file.sync_all()
+        .with_context(|| format!("cannot write to {}", drive.display()))?;
+    println!("{} is on {}: the board starts it", image.display(), drive.display());
+    Ok(())
+}
+
 /// Flashes and starts a program, and prints its log until interrupted.
 fn attach(board: Board, elf: &Path) -> Result<()> {
     replace_ourselves(probe_rs("run", board).arg(elf))
@@ -92,6 +129,8 @@ fn probe_rs(subcommand: &str, board: Board) -> Command {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cargo::target_dir;
+    use crate::files::empty_folder;
     use crate::program::Segment;
 
     fn program(vectors: u32, stack_top: u32) -> Program {
@@ -104,6 +143,24 @@ mod tests {
             flash_end: None,
             ram: 0,
         }
+    }
+
+    #[test]
+    fn only_a_boot_loader_is_a_drive() {
+        let folder = target_dir().unwrap().join("flash-test");
+        empty_folder(&folder).unwrap();
+        let refused = check_drive(&folder, Board::PICO).unwrap_err().to_string();
+        assert!(refused.contains("not the drive RPI-RP2"), "{refused}");
+        fs::write(
+            folder.join("INFO_UF2.TXT"),
+            "UF2 Bootloader v2.0\r\nBoard-ID: RPI-RP2\r\n",
+        )
+        .unwrap();
+        check_drive(&folder, Board::PICO).unwrap();
+        assert!(check_drive(&folder, Board::STM32F405).is_err());
+        fs::write(folder.with_extension("uf2"), [1, 2, 3]).unwrap();
+        copy_to(&folder, &folder.with_extension("uf2")).unwrap();
+        assert_eq!(fs::read(folder.join("flash-test.uf2")).unwrap(), [1, 2, 3]);
     }
 
     #[test]
