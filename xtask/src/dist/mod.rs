@@ -28,6 +28,8 @@ const COMPLETIONS: [(&str, &str); 3] = [
     ("fish", "share/fish/vendor_completions.d/armwire.fish"),
     ("zsh", "share/zsh/site-functions/_armwire"),
 ];
+/// The arguments of cargo that build the command.
+const COMMAND: &str = "build --quiet --release --package armwire-cli --config=profile.release.strip=true";
 /// Source folder recorded in the programs.
 const SOURCES: &str = "/armwire";
 
@@ -134,10 +136,11 @@ impl Release {
         Ok(())
     }
 
-    /// The command, with its completions and manual.
+    /// The command, with its completions and manual. It has no symbols: the compiler's names of some differ from build to
+    /// build.
     fn add_command(&self) -> Result<()> {
         let folder = self.folder();
-        run(self.reproducible(&mut cargo("build --quiet --release --package armwire-cli"))?)?;
+        run(self.reproducible(&mut cargo(COMMAND))?)?;
         let program = folder.join("bin/armwire");
         copy(&self.build_dir().join("release/armwire"), &program)?;
         for (shell, path) in COMPLETIONS {
