@@ -314,6 +314,12 @@ impl<M: Messages, const N: usize> Outgoing<M, N> {
         call.state = State::Waiting;
     }
 
+    /// Returns true if the request in flight is being transmitted.
+    fn is_writing(&self) -> bool {
+        let state = self.call.as_ref().map(|call| call.state);
+        matches!(state, Some(State::Writing(_)))
+    }
+
     /// Returns true if the frame in `tx` changes nothing.
     fn is_read(&self) -> bool {
         self.info.is_some_and(|info| info.effect == Effect::Read)
@@ -681,8 +687,11 @@ impl<M: Messages, const N: usize> Client<M, N> {
         if let Some(span) = self.decoder.advance_to_event(&self.messages, expect) {
             return Output::Event(self.event(span, expect, now));
         }
-        // After decoding, because bytes may have arrived long before they were passed in.
-        self.outgoing.exchange.expire(now);
+        // After decoding, because bytes may have arrived long before they were passed in; and not between the read of
+        // the port and the end of the request, because an answer may have arrived there since.
+        if !self.outgoing.is_writing() {
+            self.outgoing.exchange.expire(now);
+        }
         if M::LOSSLESS && self.outgoing.void > 0 {
             // Every byte arrives: nothing makes the arm discard a part of a frame.
             self.decoder.break_off(Reason::Abandoned);

@@ -357,6 +357,26 @@ fn answer_to_overtaken_reading_never_satisfies_a_command() {
 }
 
 #[test]
+fn unread_answer_before_a_reading_is_accounted_for() {
+    let mut host = Lings::new(ONCE);
+    host.send(Request::ReadJoints);
+    let due = host.timeout().unwrap();
+    host.client.cancel();
+    host.client.submit_reading(&Request::ReadJoints).unwrap();
+    assert!(matches!(host.poll(), Output::Transmit(_)));
+    // The port takes the request only now. The answer to the first has arrived since the port was read.
+    host.now = due + ONCE.stale_window;
+    assert_eq!(host.transmit(), 7);
+    assert_eq!(host.time_out(), 1);
+    assert_eq!(host.receive(&bytes(JOINTS)), [late()]);
+    // The answer to the reading is still to come.
+    host.client.submit(&Request::ReadJoints).unwrap();
+    assert_eq!(host.transmit(), 0);
+    assert_eq!(host.receive(&bytes(JOINTS)), [late()]);
+    assert_eq!(host.transmit(), 7);
+}
+
+#[test]
 fn lost_reading_delays_one_command_for_a_window() {
     let mut host = Lings::new(ONCE);
     for _ in 0..3 {

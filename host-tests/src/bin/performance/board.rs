@@ -39,7 +39,7 @@ const BOARDS: [(Chip, bool, Limits); 4] = [
         true,
         limits([61.0, 129.0, 145.0, 115.0], 0.2, 43.0, 8.0),
     ),
-    (Chip::Stm32g431, false, limits([36.0, 49.0, 62.0, 56.0], 0.1, 24.0, 5.5)),
+    (Chip::Stm32g431, false, limits([36.0, 51.0, 62.0, 56.0], 0.1, 24.0, 5.5)),
     (
         Chip::Stm32g431,
         true,
