@@ -13,8 +13,8 @@ pub(crate) fn text(error: &Error) -> String {
              move' sends it all the same)"
         ),
         Error::NoControl { name } => format!(
-            "{name}: no control port of an armwire adapter found: name a virtual board's as PORT (control:PATH) or by \
-             --control"
+            "{name}: no control port of an armwire adapter found: name a virtual board's as PORT (control:PATH), or by \
+             --control where the command has it"
         ),
         Error::Baud { name } => format!("--baud applies to serial ports only, not to {name}"),
         error => error.with(words),

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::{BufReader, Read};
+use std::io::{BufReader, IsTerminal as _, Read};
 use std::path::Path;
 
 use armwire::ling::{JOINTS, JointState, Ling, Move, Opening, Position, Request, Response, Stroke};
@@ -95,6 +95,11 @@ pub(super) fn read(path: &Path, topic: Option<&str>, are_readings: bool) -> Resu
     let name = path.display().to_string();
     let failed = |error| Error::at(&name, error);
     let refused = |reason: String| Error::at(&name, reason);
+    if File::open(path).map_err(failed)?.is_terminal() {
+        return Err(refused(
+            "this is a port, not a recording: 'armwire replay FILE PORT'".to_owned(),
+        ));
+    }
     if path.is_dir() || is_parquet(path).map_err(failed)? {
         let reason = "this is no MCAP file: the repository has tools/lerobot_to_mcap.py for a LeRobot data set";
         return Err(Error::at(&name, reason));

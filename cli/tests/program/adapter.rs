@@ -117,7 +117,8 @@ fn expect_control(board: &Board, command: &[&str]) -> String {
     let line = failure(&with("tcp:127.0.0.1:1"));
     assert!(
         line.ends_with(
-            "no control port of an armwire adapter found: name a virtual board's as PORT (control:PATH) or by --control"
+            "no control port of an armwire adapter found: name a virtual board's as PORT (control:PATH), or by \
+             --control where the command has it"
         ),
         "{line}"
     );

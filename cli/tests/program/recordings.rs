@@ -283,4 +283,8 @@ fn record_is_the_recorder_of_monitor() {
     assert!(readings.count() >= 5);
     let again = run(&["record", &arm.port, recording.path()]);
     assert!(failure(&again).ends_with("the file exists: delete it, or name another"));
+    let into_arm = run(&["record", &arm.port, &arm.port]);
+    assert!(failure(&into_arm).ends_with("this is a port, not a file to write"));
+    let swapped = failure(&run(&["replay", &arm.port, recording.path()]));
+    assert!(swapped.contains("this is a port, not a recording"), "{swapped}");
 }

@@ -26,9 +26,9 @@ if TYPE_CHECKING:
     from ._adapter import JointRecording
     from ._units import Floats
 
-# Colours that stay distinct for colour-blind readers and differ in lightness.
 MAGIC = b"\x89MCAP"
 NAMES = [f"joint{joint}" for joint in range(1, JOINTS + 1)]
+# Colours that stay distinct for colour-blind readers and differ in lightness.
 COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00")
 
 
@@ -174,7 +174,7 @@ def read_mcap(path: str | Path, *, topic: str = "/joint_states") -> Motion:
     rows: list[list[float]] = []
     for state in states:
         if len(state.name) != len(state.position) or not set(NAMES) <= set(state.name):
-            raise ValueError(f"{path}: the joints are {', '.join(state.name)}, must be joint1 to joint{JOINTS}")
+            raise ValueError(f"{path}: the joints are {state.name!r}, must be joint1 to joint{JOINTS}")
         position = dict(zip(state.name, state.position, strict=True))
         time_s = state.header.stamp.sec + state.header.stamp.nanosec / 1e9
         rows.append([time_s, *(position[name] for name in NAMES), position.get("gripper", float("nan"))])

@@ -58,6 +58,9 @@ fn board(name: &str) -> Result<&'static Board, &'static str> {
 }
 
 fn run(Args { image, board, options }: Args) -> Result<(), Box<dyn Error>> {
+    if options.slcan.is_some() && board.can.is_none() {
+        return Err(format!("--slcan: {} has no CAN", board.title).into());
+    }
     let arm = LingArm::new(ArmConfig::follower());
     let board = VirtualBoard::start(Config {
         gdb: options.gdb,
