@@ -16,7 +16,7 @@ const PERIOD: Duration = Duration::from_millis(100);
 const LINE_PERIOD: Duration = Duration::from_secs(1);
 
 /// The option to show progress.
-#[derive(Args, Clone, Copy, PartialEq, Eq)]
+#[derive(Args, Clone, Copy, Default, PartialEq, Eq)]
 pub(crate) struct StatusArg {
     /// Show progress on standard error, in a line per second. On a terminal it is always shown, in one line.
     #[arg(long)]

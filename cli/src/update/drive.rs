@@ -66,10 +66,11 @@ impl Drive {
         }
     }
 
-    fn copy_to(&self, folder: &Path) -> io::Result<()> {
+    /// Copies the image. The system may write it to the drive later.
+    fn copy_to(&self, folder: &Path) -> io::Result<File> {
         let mut file = File::create(folder.join(FILE))?;
         file.write_all(&self.bytes)?;
-        file.sync_all()
+        Ok(file)
     }
 }
 
@@ -139,19 +140,19 @@ impl BootLoader for Drive {
         let mut line = status.line();
         line.begin(0, format!("writing {} bytes", self.bytes.len()));
         let copied = self.copy_to(folder);
-        drop(line);
-        match copied {
-            Ok(()) => Ok(()),
-            Err(error) if is_boot_loader(folder) => {
-                let again = format!("try again, the boot loader cannot be overwritten: {}", self.by_hand());
-                Err(Error::at(&place.to_string(), format!("{error}; {again}")))
-            }
+        let written = copied.and_then(|file| match file.sync_all() {
             // The chip starts the new firmware after the last page, perhaps before the system has written the rest.
-            Err(error) => {
+            Err(error) if !is_boot_loader(folder) => {
                 print_error(&format_args!("{place}: the drive went away: {error}"));
                 Ok(())
             }
-        }
+            synced => synced,
+        });
+        drop(line);
+        written.map_err(|error| {
+            let again = format!("try again, the boot loader cannot be overwritten: {}", self.by_hand());
+            Error::at(&place.to_string(), format!("{error}; {again}"))
+        })
     }
 }
 
@@ -276,6 +277,16 @@ mod tests {
                 .absence()
                 .starts_with("no drive RPI-RP2: is the adapter's USB connected")
         );
+    }
+
+    #[test]
+    fn drive_that_went_away_before_the_copy_is_an_error() {
+        let mut system = System::new("gone");
+        fs::write(system.root.join("mounts"), system.mount()).unwrap();
+        assert!(system.drive.is_there());
+        fs::remove_dir_all(system.root.join("my drive")).unwrap();
+        let text = system.drive.write(StatusArg::default()).unwrap_err().to_string();
+        assert!(text.contains("try again"), "{text}");
     }
 
     #[test]
