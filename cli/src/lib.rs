@@ -152,12 +152,19 @@ pub fn run_from(args: &[OsString]) -> u8 {
 fn command() -> clap::Command {
     /// On a narrower terminal a second column would have a word in each line.
     const TWO_COLUMNS: u16 = 60;
-    let command = Cli::command();
+    let command = with_negative_numbers(Cli::command());
     match terminal_size::terminal_size() {
         Some((Width(width), _)) => command.next_line_help(width < TWO_COLUMNS),
         None if std::env::var_os("COLUMNS").is_none() => command.term_width(80),
         None => command,
     }
+}
+
+/// Takes `-1` for a number, which an option then refuses with its range, and not for an unknown option.
+fn with_negative_numbers(command: clap::Command) -> clap::Command {
+    command
+        .allow_negative_numbers(true)
+        .mut_subcommands(with_negative_numbers)
 }
 
 /// The error with the names there are, where a request or the like was expected: behind a port clap takes a wrong one

@@ -32,6 +32,9 @@ use subject::{LingArm, Subject, XArmArm};
 /// The lowest rate, in hertz.
 const MIN_RATE: u16 = 50;
 
+/// The longest measurement.
+const MAX_TIME: Duration = Duration::from_secs(3_600);
+
 /// The arguments of `armwire bench`.
 #[derive(Args)]
 pub(crate) struct Bench {
@@ -40,8 +43,8 @@ pub(crate) struct Bench {
     /// Calls per second, 50 to 1000. Several are measured one after the other.
     #[arg(long, value_name = "HZ", value_delimiter = ',', default_value = "50,200,500,1000", value_parser = rate)]
     rate: Vec<Rate>,
-    /// Time of each measurement. Each rate has two: reads that wait, and the newest pose of a reader.
-    #[arg(long, value_name = "SECONDS", default_value = "5", value_parser = seconds)]
+    /// Time of each measurement, up to an hour. Each rate has two: reads that wait, and the newest pose of a reader.
+    #[arg(long, value_name = "SECONDS", default_value = "5", value_parser = span)]
     seconds: Duration,
     /// Send a move before each read: its goal is the pose at the start, throughout. The arm holds that pose. Ling only.
     #[arg(long)]
@@ -67,6 +70,15 @@ fn rate(text: &str) -> Result<Rate, String> {
         ..MIN_RATE => Err(format!("the rate is {hertz} Hz, must be {MIN_RATE} to {}", Rate::MAX)),
         hertz => Rate::new(hertz).map_err(|error| error.to_string()),
     })
+}
+
+/// A time of the command line.
+fn span(text: &str) -> Result<Duration, String> {
+    match seconds(text)? {
+        Duration::ZERO => Err("the time is 0 s, must be more".to_owned()),
+        span if span > MAX_TIME => Err(format!("the time is {text} s, must be at most {}", MAX_TIME.as_secs())),
+        span => Ok(span),
+    }
 }
 
 impl Bench {
@@ -127,7 +139,11 @@ impl Bench {
                     // It is not drawn while calls are measured.
                     let text = format!("{} Hz, {call}{}", rate.hertz(), report::under(is_loaded));
                     status.begin(runs.len() as u64, text);
-                    runs.push(arm.measure(call, rate, self.seconds)?.under(is_loaded));
+                    let run = arm.measure(call, rate, self.seconds)?;
+                    if runs.is_empty() && run.failed == run.calls.ascending().len() as u64 {
+                        return Err(Error::at(&self.place.port, "none of the calls was answered"));
+                    }
+                    runs.push(run.under(is_loaded));
                 }
                 Ok(())
             })

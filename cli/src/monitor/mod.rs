@@ -57,7 +57,7 @@ pub(crate) struct Readings {
     #[command(flatten)]
     place: Place,
     /// Stop after this many readings. Without it: q or Ctrl-C.
-    #[arg(long)]
+    #[arg(long, value_parser = clap::value_parser!(u64).range(1..))]
     count: Option<u64>,
     /// Send nothing to the arm: take each reading that the adapter receives for its polls or for other hosts, with the
     /// adapter's stamps. The arm's port stays free for another program.

@@ -76,6 +76,9 @@ impl Drive {
 
 impl BootLoader for Drive {
     fn check(&mut self) -> Result<(), Error> {
+        if let Some(named) = self.named.as_deref().filter(|named| named.exists() && !named.is_dir()) {
+            return Err(Error::at(&named.display().to_string(), "--drive names a folder"));
+        }
         let Some(place) = self.find().or_else(|| self.volumes.device(LABEL)) else {
             return Ok(());
         };

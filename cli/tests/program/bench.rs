@@ -4,6 +4,7 @@ use std::fs;
 
 use armwire::ling::{Ling, MAX_FRAME, Request, Torque};
 use armwire::messages::Messages;
+use armwire_sim::pty::Pty;
 use rustix::process::{Pid, Signal, kill_process};
 
 use crate::common::{Arm, NO_ANSWER, failure, free_path, retry_while, run, run_against, success, usage};
@@ -60,6 +61,38 @@ fn progress_is_shown_if_so_asked() {
     assert!(output.status.success(), "{output:?}");
     let errors = String::from_utf8(output.stderr).unwrap();
     assert_eq!(errors, "armwire: 50 Hz, read\narmwire: 50 Hz, latest\n");
+}
+
+#[test]
+fn times_and_counts_begin_at_something() {
+    let arm = Arm::start("ling", "bench-zero", &[]);
+    for (args, expected) in [
+        (
+            &["bench", &arm.port, "--seconds", "0"][..],
+            "the time is 0 s, must be more",
+        ),
+        (&["bench", &arm.port, "--seconds", "-1"], "'-1' is not a valid time"),
+        (&["bench", &arm.port, "--seconds", "1e9"], "must be at most 3600"),
+        (&["monitor", &arm.port, "--csv", "--count", "0"], "0 is not in 1.."),
+        (&["record", &arm.port, "never.mcap", "--count", "-1"], "invalid digit"),
+    ] {
+        let output = run_again(args);
+        assert!(output.contains(expected), "{output}");
+    }
+}
+
+#[test]
+fn port_without_an_answer_is_an_error() {
+    let silent = Pty::open(None).unwrap();
+    let output = run_again(&[
+        "bench",
+        silent.path().to_str().unwrap(),
+        "--rate",
+        "50",
+        "--seconds",
+        "0.3",
+    ]);
+    assert!(output.contains("none of the calls was answered"), "{output}");
 }
 
 /// The errors of the program with these arguments.
