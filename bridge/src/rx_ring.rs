@@ -225,6 +225,11 @@ impl<const SIZE: usize> RxRing<SIZE> {
         }
     }
 
+    /// Takes the first mark if it is that of an idle line: to look at the bytes before it, and record it again.
+    pub fn take_idle(&mut self) -> Option<RxMark> {
+        self.marks.pop_front_if(|mark| mark.idle)
+    }
+
     /// The number of unread bytes before `end`.
     pub const fn unread(&self, end: usize) -> usize {
         Self::distance(self.head, end)

@@ -141,7 +141,8 @@ impl Adapter {
         self.shared.with(|shared| {
             shared.bridge.uart_event(UartEvent::Configured(uart), now());
             shared.sender.changed();
-            shared.reader.read(&mut shared.bridge);
+            // A read ends at a frame: more may wait.
+            while shared.reader.read(&mut shared.bridge) {}
         });
     }
 

@@ -12,10 +12,12 @@ mod stm32;
 mod transmit;
 
 use core::cell::{Cell, RefCell};
+// Loads and stores only: on the RP2040 those of `portable_atomic` take a critical section each.
+use core::sync::atomic::{AtomicU32, Ordering};
 
 use armwire_bridge::{RxRing, UartErrors};
 use critical_section::Mutex;
-use portable_atomic::{AtomicBool, AtomicU32, Ordering};
+use portable_atomic::AtomicBool;
 
 use crate::board::usart;
 use crate::service;
@@ -30,7 +32,7 @@ pub(crate) use change::change;
 pub(crate) use chip::SleepHandler;
 pub(crate) use chip::{Dma, InterruptHandler, RingHandler, Uart};
 #[cfg(feature = "board-rp2040")]
-pub(crate) use chip::{IdleHandler, burst_ended, stalled_since};
+pub(crate) use chip::{IdleHandler, burst_ended, stall};
 pub(crate) use receive::{Reader, wait};
 pub(crate) use transmit::{Sender, SentHandler};
 

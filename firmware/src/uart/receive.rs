@@ -79,13 +79,11 @@ impl Reader {
     }
 }
 
-/// Makes the interrupt handler wait for these events. Returns true if one has already come: bytes that arrived before
-/// the handler knew the threshold do not pend the service.
+/// Makes the interrupt handler wait for these events. Returns true if one has already come that pends no service.
 pub(crate) fn wait(wait: RxWait) -> bool {
     with_ring(|ring| {
         ring.set(wait);
-        chip::listen(ring);
-        ring.has_mark() || ring.is_overdue(tail())
+        chip::listen(ring)
     })
 }
 
@@ -142,7 +140,7 @@ impl Receiver {
         }
     }
 
-    /// Stops the DMA and keeps the unread bytes. Call this right after [`read`].
+    /// Stops the DMA and keeps the unread bytes: those that arrived since the last of [`Reader::read`].
     pub(super) fn stop(&mut self, transfer: Transfer<'_>) {
         chip::stop(transfer);
         self.rest = copy(&mut self.words, tail());

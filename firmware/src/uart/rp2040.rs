@@ -6,18 +6,19 @@
 //! is being written. The interrupt handler of a byte only looks for the bytes that the bridge waits for.
 //!
 //! The UART has no interrupt for an idle line while the DMA empties its FIFO. An alarm compares the last stamp with the
-//! clock.
+//! clock. Inside a frame, whose end is known, and above 1 Mbaud it looks for bytes, too: the byte interrupt is off.
 
 use core::marker::PhantomData;
+use core::sync::atomic::{AtomicU32, AtomicUsize, Ordering};
 
 use armwire_bridge::{Duration, Instant, LineCoding, RxRing};
-use portable_atomic::{AtomicBool, AtomicU32, AtomicUsize, Ordering};
 
 use super::{BYTES, ERRORS, RING_OVERRUN, SIZE, byte_at, wake, with_ring};
 use crate::adapter::now;
-use crate::board::hal::interrupt::typelevel::{Handler, Interrupt};
+use crate::board::hal::interrupt::typelevel::Handler;
 use crate::board::usart;
-use crate::board::{IdleInterrupt, RxInterrupt, UartInterrupt, clear_idle_alarm, set_idle_alarm};
+use crate::board::{IdleInterrupt, RxInterrupt, UartInterrupt, clear_idle_alarm, has_passed, set_idle_alarm};
+use crate::ceiling::{SERVICE, mask};
 
 /// The UART, for its line coding.
 pub(crate) struct Uart;
@@ -34,16 +35,20 @@ struct Stamps([AtomicU32; SIZE]);
 const _: () = assert!(align_of::<Stamps>() == 4 * SIZE);
 
 static STAMPS: Stamps = Stamps([const { AtomicU32::new(0) }; SIZE]);
-/// The position after the last byte that the handler has seen; [`SIZE`] if it must look at all unread bytes.
-static SEEN: AtomicUsize = AtomicUsize::new(SIZE);
+/// The position after the last byte that a handler has looked at.
+static SEEN: AtomicUsize = AtomicUsize::new(0);
 /// The position after the last byte before the line was found idle. Without further bytes it is not found idle again:
 /// the bridge may wait for an idle line as long as a host reads nothing.
 static IDLE_AFTER: AtomicUsize = AtomicUsize::new(0);
-/// An alarm looks for an idle line.
-static IS_WATCHED: AtomicBool = AtomicBool::new(false);
+
+/// Number of byte times without a byte after which the line is idle.
+const IDLE_BYTES: u32 = 2;
 
 /// Tolerance of the clock and of the byte time, which are whole microseconds.
 const ROUNDING: Duration = Duration::from_micros(2);
+
+/// The shortest byte time with an interrupt for each byte. At 2 Mbaud they would take more than half of the time.
+const FASTEST: Duration = Duration::from_micros(8);
 
 /// Unread bytes at which bytes count as lost. The handlers see each byte before the rest of the ring is full.
 const FULL: usize = SIZE - 64;
@@ -52,6 +57,8 @@ const FULL: usize = SIZE - 64;
 pub(super) fn start(_: &mut Dma, _: LineCoding) -> Transfer<'_> {
     SEEN.store(0, Ordering::Relaxed);
     IDLE_AFTER.store(0, Ordering::Relaxed);
+    // An alarm for the former bytes may come: no byte precedes the first position.
+    STAMPS.0[SIZE - 1].store(now().as_micros() as u32, Ordering::Relaxed);
     usart::start_receiving(
         BYTES.0.as_ptr() as u32,
         STAMPS.0.as_ptr() as u32,
@@ -76,61 +83,89 @@ pub(super) fn tail() -> usize {
     (usart::next_stamp() as usize - STAMPS.0.as_ptr() as usize) / size_of::<u32>() % SIZE
 }
 
+/// The stamp of the byte before a position.
+fn stamp(end: usize) -> u32 {
+    STAMPS.0[end.wrapping_sub(1) % SIZE].load(Ordering::Relaxed)
+}
+
 /// The arrival of the byte before a position.
 fn arrival(end: usize) -> Instant {
     let now = now();
-    let stamp = STAMPS.0[end.wrapping_sub(1) % SIZE].load(Ordering::Relaxed);
-    now - Duration::from_micros((now.as_micros() as u32).wrapping_sub(stamp).into())
+    now - Duration::from_micros((now.as_micros() as u32).wrapping_sub(stamp(end)).into())
 }
 
-/// Makes the handler look for the bytes that the ring waits for, also among unread ones.
-pub(super) fn listen(ring: &RxRing<SIZE>) {
-    if !ring.has_mark() {
-        SEEN.store(SIZE, Ordering::Relaxed);
+/// Looks for the events that the ring waits for among the unread bytes, and makes the handler look for later ones.
+/// Returns true if an event was known before.
+pub(super) fn listen(ring: &mut RxRing<SIZE>) -> bool {
+    // After an event the handlers looked at no further byte, but recorded that the line was idle after the last.
+    let idle = ring.take_idle();
+    let mut is_known = ring.has_mark();
+    let end = tail();
+    if !is_known && look(ring, ring.unread(end), end) {
+        wake();
     }
+    if let Some(mark) = idle {
+        is_known |= ring.idle(mark.end, mark.at);
+    }
+    // The next byte starts the alarm, if there is none.
     usart::set_byte_interrupt(true);
-    RxInterrupt::pend();
+    is_known
 }
 
-/// Looks at the bytes that have arrived.
+/// Looks at `count` bytes before `end`, up to an event. Returns true if there is one.
+fn look(ring: &mut RxRing<SIZE>, count: usize, end: usize) -> bool {
+    SEEN.store(end, Ordering::Relaxed);
+    let mut is_event = false;
+    let mut left = count;
+    while left > 0 {
+        let before = end.wrapping_sub(left) % SIZE;
+        let quiet = ring.quiet(before, byte_at);
+        if quiet == 0 {
+            let after = (before + 1) % SIZE;
+            is_event |= ring.arrived(after, byte_at(before), || arrival(after));
+        }
+        left = left.saturating_sub(quiet.max(1));
+    }
+    is_event
+}
+
+/// Looks at the bytes that arrived since the last call. Returns the position after the last one.
+fn look_at_new() -> usize {
+    with_ring(|ring| {
+        let end = tail();
+        let unread = ring.unread(end);
+        let new = end.wrapping_sub(SEEN.load(Ordering::Relaxed)) % SIZE;
+        let is_event = look(ring, unread.min(new), end);
+        if unread > FULL {
+            RING_OVERRUN.store(true, Ordering::Relaxed);
+        }
+        if is_event || unread > FULL {
+            wake();
+        }
+        // Inside a frame the alarm for an idle line looks often enough.
+        let is_inside = ring.quiet(end, byte_at) >= IDLE_BYTES as usize;
+        usart::set_byte_interrupt(!is_inside && usart::line_time(1) >= FASTEST);
+        end
+    })
+}
+
+/// Looks at the bytes that have arrived, and makes the alarm look for an idle line after them.
 pub(crate) struct RingHandler;
 
 impl Handler<RxInterrupt> for RingHandler {
     unsafe fn on_interrupt() {
         usart::clear_received();
-        let end = tail();
-        let (is_event, is_waiting) = with_ring(|ring| {
-            let unread = ring.unread(end);
-            let fresh = match SEEN.swap(end, Ordering::Relaxed) {
-                SIZE => unread,
-                seen => unread.min(end.wrapping_sub(seen) % SIZE),
-            };
-            let mut is_event = false;
-            for before in (1..=fresh).rev().map(|back| end.wrapping_sub(back) % SIZE) {
-                let after = (before + 1) % SIZE;
-                if ring.quiet(before, byte_at) == 0 {
-                    is_event |= ring.arrived(after, byte_at(before), || arrival(after));
-                }
-            }
-            (is_event, ring.is_waiting())
-        });
-        if !is_waiting {
-            usart::set_byte_interrupt(false);
-        }
-        if is_event {
-            wake();
-        }
-        check_room(end);
-        if end != IDLE_AFTER.load(Ordering::Relaxed) && !IS_WATCHED.swap(true, Ordering::Relaxed) {
+        let end = look_at_new();
+        if end != IDLE_AFTER.load(Ordering::Relaxed) {
             set_idle_alarm(idle_from(end));
         }
     }
 }
 
 /// The time from which the line is idle, if the byte before `end` is the last: a byte that began in the first byte time
-/// after it has arrived in the second.
-fn idle_from(end: usize) -> Instant {
-    arrival(end) + usart::line_time(2) + ROUNDING
+/// after it has arrived in the second. It is the lower half of the clock.
+fn idle_from(end: usize) -> u32 {
+    stamp(end).wrapping_add((usart::line_time(IDLE_BYTES) + ROUNDING).as_micros() as u32)
 }
 
 /// Records an idle line.
@@ -139,40 +174,36 @@ pub(crate) struct IdleHandler;
 impl Handler<IdleInterrupt> for IdleHandler {
     unsafe fn on_interrupt() {
         clear_idle_alarm();
-        let end = tail();
+        let end = look_at_new();
         let at = idle_from(end);
-        if now() < at {
+        if !has_passed(at) {
             return set_idle_alarm(at);
         }
-        IS_WATCHED.store(false, Ordering::Relaxed);
         IDLE_AFTER.store(end, Ordering::Relaxed);
         // The next byte starts the alarm.
-        SEEN.store(end, Ordering::Relaxed);
         usart::set_byte_interrupt(true);
         let detected = arrival(end) + usart::line_time(1);
         if with_ring(|ring| ring.idle(end, detected)) {
             wake();
         }
-        check_room(end);
     }
 }
 
-/// Checks that the DMA has not overwritten unread bytes.
-fn check_room(end: usize) {
-    if with_ring(|ring| ring.unread(end)) > FULL {
+/// Calls `f`, during which no handler runs. If the DMA overwrites unread bytes meanwhile, they count as lost.
+pub(crate) fn stall<R>(f: impl FnOnce() -> R) -> R {
+    // The service must not read before a loss is known.
+    let _masked = mask(SERVICE);
+    let start = tail();
+    let unread = with_ring(|ring| ring.unread(start));
+    // The stamp that is overwritten last.
+    let last = stamp(start);
+    let result = f();
+    let arrived = tail().wrapping_sub(start) % SIZE;
+    if stamp(start) != last || unread + arrived > FULL {
         RING_OVERRUN.store(true, Ordering::Relaxed);
         wake();
     }
-}
-
-/// No handler ran since `start`. If bytes arrived for longer than the ring lasts, some count as lost.
-pub(crate) fn stalled_since(start: Instant) {
-    let end = tail();
-    let lasts = usart::line_time(FULL as u32);
-    if arrival(end) >= start + lasts {
-        RING_OVERRUN.store(true, Ordering::Relaxed);
-        wake();
-    }
+    result
 }
 
 /// Counts errors.

@@ -91,9 +91,11 @@ pub(super) fn configure(uart: &mut Uart, coding: LineCoding) {
     }
 }
 
-/// Makes the interrupt handler look at each byte.
-pub(super) fn listen(_: &RxRing<SIZE>) {
+/// Makes the interrupt handler look at each byte. Returns true if an event has already come: bytes that arrived before
+/// the handler knew the threshold do not pend the service.
+pub(super) fn listen(ring: &mut RxRing<SIZE>) -> bool {
     byte_interrupt::set(true);
+    ring.has_mark() || ring.is_overdue(tail())
 }
 
 /// Records the arrival of the threshold, idle lines and errors.

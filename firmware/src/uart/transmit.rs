@@ -1,8 +1,9 @@
 //! Bursts to the arm.
 
+use core::sync::atomic::{AtomicBool, Ordering};
+
 use armwire_bridge::control::MAX_FRAME;
 use armwire_bridge::{Bridge, Instant, Transmit};
-use portable_atomic::{AtomicBool, Ordering};
 
 use super::change::CHANGE;
 use crate::adapter::now;
@@ -79,7 +80,8 @@ impl Sender {
         self.is_changing = false;
     }
 
-    /// Stops the burst that is going out, after the byte on the line and the one behind it.
+    /// Stops the burst that is going out. The bytes that the UART holds still go out: the one on the line and the next,
+    /// or those in its FIFO.
     pub(crate) fn cut(&mut self) {
         if SENDING.load(Ordering::Relaxed) {
             usart::stop_sending();
@@ -107,7 +109,7 @@ fn send(bytes: &[u8], start: Option<Instant>) {
     }
 }
 
-/// Ends a burst when its last byte is in the data register, behind the one on the line.
+/// Ends a burst when the DMA has written its last byte to the UART, behind the one on the line.
 pub(crate) struct SentHandler;
 
 impl Handler<TxInterrupt> for SentHandler {
@@ -117,7 +119,7 @@ impl Handler<TxInterrupt> for SentHandler {
     }
 }
 
-/// The DMA has written the last byte. If the UART sends more than that byte from here on, its interrupt follows.
+/// The DMA has written the last byte. If the next burst must wait for bytes before it, an interrupt follows.
 fn dma_ended() {
     match usart::sends_after_dma() {
         true => usart::set_transmitted_interrupt(true),

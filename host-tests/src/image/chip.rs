@@ -23,17 +23,17 @@ pub struct Facts {
     pub flooded: NonZeroU32,
     /// Duration of the erase of one of them, typical and maximum.
     pub erase: [Nanos; 2],
-    /// Highest rate at which bytes in both directions keep the line busy without pauses. The RP2040 makes some after each
-    /// burst to the arm.
-    pub full_rate: u32,
+    /// Duration of bytes in both directions at once at a rate, as a multiple of their time on the line, at most. The
+    /// RP2040 pauses after each burst to the arm.
+    pub duplex: fn(baud: u32) -> f64,
     /// Share of the line's limit that the fastest polls reach, at least. The goal is 0.95. A new compiler may cost the rest.
     pub fastest_poll: f64,
     /// Bytes of a burst that still go out after it was cut.
     pub fifo: u64,
     /// Flash operations of a save, at least: into a page with room, and with an erase.
     pub save_operations: [usize; 2],
-    /// Variants that a test tries of an STM32's peripherals.
-    pub variants: usize,
+    /// True if the virtual board has variants of the peripherals: where a manual leaves a behaviour open.
+    pub has_variants: bool,
     /// True if the UART reports noise.
     pub reports_noise: bool,
     /// The serial number that the adapter has from the virtual board's unique id.
@@ -64,6 +64,12 @@ pub struct Registers {
 }
 
 impl Facts {
+    /// The variants of a peripheral that a test tries, of these.
+    pub fn variants<T>(&self, variants: impl IntoIterator<Item = T>) -> impl Iterator<Item = T> {
+        let tried = if self.has_variants { usize::MAX } else { 1 };
+        variants.into_iter().take(tried)
+    }
+
     /// The registers.
     ///
     /// # Panics
@@ -86,11 +92,11 @@ pub const fn facts(chip: Chip) -> Facts {
             config_flash: 0x4000..0xC000,
             flooded: NonZeroU32::new(4).unwrap(),
             erase: [Nanos::from_millis(250), Nanos::from_millis(500)],
-            full_rate: 2_000_000,
+            duplex: |_| 1.03,
             fastest_poll: 0.92,
             fifo: 0,
             save_operations: [4, 5],
-            variants: usize::MAX,
+            has_variants: true,
             reports_noise: true,
             serial: "200041000B35315035563033",
             registers: Some(Registers {
@@ -113,11 +119,11 @@ pub const fn facts(chip: Chip) -> Facts {
             config_flash: 0x1F000..0x20000,
             flooded: NonZeroU32::new(3).unwrap(),
             erase: [Nanos(22_020_000), Nanos(24_470_000)],
-            full_rate: 2_000_000,
+            duplex: |_| 1.03,
             fastest_poll: 0.92,
             fifo: 0,
             save_operations: [4, 5],
-            variants: usize::MAX,
+            has_variants: true,
             reports_noise: true,
             serial: "200041000B35315035563033",
             registers: Some(Registers {
@@ -140,11 +146,15 @@ pub const fn facts(chip: Chip) -> Facts {
             config_flash: 0x1F_E000..0x20_0000,
             flooded: NonZeroU32::MIN,
             erase: [Nanos::from_millis(45), Nanos::from_millis(400)],
-            full_rate: 115_200,
+            duplex: |baud| match baud {
+                2_000_000 => 1.25,
+                1_000_000 => 1.06,
+                _ => 1.03,
+            },
             fastest_poll: 0.85,
             fifo: 32,
             save_operations: [2, 3],
-            variants: 1,
+            has_variants: false,
             reports_noise: false,
             serial: "200041000B353150",
             registers: None,

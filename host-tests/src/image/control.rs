@@ -35,6 +35,15 @@ impl Control {
     /// If there is no reply in time, or another message than an event arrives.
     pub fn call<A: Arm>(&mut self, board: &mut VirtualBoard<A>, request: Request) -> Reply {
         self.send(board, request);
+        self.reply(board)
+    }
+
+    /// Waits for the reply to the last request.
+    ///
+    /// # Panics
+    ///
+    /// See [`call`](Self::call).
+    pub fn reply<A: Arm>(&mut self, board: &mut VirtualBoard<A>) -> Reply {
         loop {
             board
                 .run_until(REPLY_TIMEOUT, |board| board.usb().vendor().unread() > 0)
@@ -113,4 +122,20 @@ impl Control {
         }
         answer
     }
+}
+
+/// Expects that each stamp is the time of the last stop bit, which ended at this instant.
+///
+/// # Panics
+///
+/// If one is off by more than 2 µs.
+pub fn expect_exact(stamps: &[Stamp], instants: &[Nanos]) {
+    assert_eq!(stamps.len(), instants.len());
+    assert!(stamps.is_sorted());
+    // The two clocks have different origins.
+    let offset = |(instant, stamp): (&Nanos, &Stamp)| instant.0.abs_diff(stamp.0 * 1_000);
+    let offsets: Vec<_> = instants.iter().zip(stamps).map(offset).collect();
+    let (least, most) = (offsets.iter().min().unwrap(), offsets.iter().max().unwrap());
+    println!("stamps differ from the last stop bits by up to {} ns", most - least);
+    assert!(most - least <= 2_000, "{} ns", most - least);
 }

@@ -31,10 +31,9 @@ fn saturate(baud: u32, count: usize) {
             "{count} bytes each way at {baud} baud: {virtually:.3} s of virtual time, {:.1} s of real time",
             start.elapsed().as_secs_f64()
         );
-        // Full rate: nearly no gaps on the line in either direction.
         let least = byte_time(baud).0 as f64 / 1e9 * count as f64;
         assert!(
-            virtually < least * 1.03 + 0.002 || baud > facts(chip()).full_rate,
+            virtually < least * (facts(chip()).duplex)(baud) + 0.002,
             "{virtually} s for bytes that take {least} s on a busy line"
         );
 

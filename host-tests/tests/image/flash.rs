@@ -2,11 +2,17 @@
 //!
 //! Only the STM32F405 has a minimum voltage for writes: the STM32G431 erases and programs at any supply at which it runs.
 
+use armwire::ling::JOINTS;
 use armwire_bridge::config::Config;
 use armwire_bridge::control::{self, Reply};
-use armwire_host_tests::image::{Control, MEGABAUD, chip, counters, facts, on_board_with, open, path, plug_in};
+use armwire_host_tests::image::{
+    Control, MEGABAUD, RawArm, chip, counters, exchange, expect_exact, facts, joint_answer, noise, on_board_with, open,
+    path, plug_in, read_all, same_bytes,
+};
 use armwire_sim::ling::LingArm;
+use armwire_virtual_board::line::Arm;
 use armwire_virtual_board::report::{Cause, Crash};
+use armwire_virtual_board::usb::cdc::LineCoding;
 use armwire_virtual_board::{Chip, Config as BoardConfig, EccRegister, Error, Nanos, Timing, VirtualBoard};
 
 fn ling() -> LingArm {
@@ -14,13 +20,13 @@ fn ling() -> LingArm {
 }
 
 /// A board on which a save begins with an erase: both sectors or pages are full.
-fn with_full_flash(timing: Timing) -> BoardConfig<LingArm> {
+fn with_full_flash<A: Arm>(arm: A, timing: Timing) -> BoardConfig<A> {
     let mut contents = vec![0xFF; chip().flash_size()];
     contents[facts(chip()).config_flash].fill(0x5A);
     BoardConfig {
         flash: Some(contents),
         timing,
-        ..BoardConfig::new(path(), ling())
+        ..BoardConfig::new(path(), arm)
     }
 }
 
@@ -34,7 +40,7 @@ fn save(board: &mut VirtualBoard<LingArm>, control: &mut Control, after_ms: u16)
 #[test]
 fn erase_takes_the_time_of_whole_words() {
     for (timing, takes) in [Timing::Typical, Timing::Worst].into_iter().zip(facts(chip()).erase) {
-        on_board_with(with_full_flash(timing), |board| {
+        on_board_with(with_full_flash(ling(), timing), |board| {
             plug_in(board, MEGABAUD);
             let mut control = Control::open(board);
             assert_eq!(save(board, &mut control, 700), Reply::Done);
@@ -47,12 +53,129 @@ fn erase_takes_the_time_of_whole_words() {
     }
 }
 
+/// Bytes from the arm during an erase, and the time between its start and the first of them.
+struct Burst {
+    len: usize,
+    after: Nanos,
+}
+
+/// Saves, and sends bytes from the arm during the erase. Returns what the host received.
+fn send_during_erase(board: &mut VirtualBoard<RawArm>, burst: &Burst) -> Vec<u8> {
+    plug_in(board, MEGABAUD);
+    let mut control = Control::open(board);
+    let mut config = Config::default();
+    config.host_timeout.after_ms = 700;
+    control.order(board, control::Request::SetConfig(config));
+    let idle = board.flash_operations();
+    control.send(board, control::Request::SaveConfig);
+    board
+        .run_until(Nanos::from_millis(10), |board| board.flash_operations() > idle)
+        .unwrap();
+    board.run_for(burst.after).unwrap();
+    assert!(board.erases().is_empty(), "the erase has ended");
+    board.with_arm(|arm| arm.send(&noise(1, burst.len)));
+    board.run_for(facts(chip()).erase[0]).unwrap();
+    let received = read_all(board);
+    assert!(!board.erases().is_empty(), "the erase goes on");
+    received
+}
+
+#[test]
+fn bytes_during_erase_arrive_as_far_as_the_ring_has_room() {
+    const ROOM: usize = 450;
+    let nearly = Nanos(facts(chip()).erase[0].0 - 3_000_000);
+    for after in [Nanos::from_millis(1), nearly] {
+        for len in [7, ROOM] {
+            on_board_with(with_full_flash(RawArm::default(), Timing::Typical), |board| {
+                let received = send_during_erase(board, &Burst { len, after });
+                same_bytes("the host", &received, &noise(1, len));
+                assert_eq!(
+                    counters(board).ring_overruns,
+                    0,
+                    "{len} bytes, {after:?} after the start"
+                );
+            });
+        }
+    }
+}
+
+#[test]
+fn bytes_during_erase_beyond_the_ring_are_counted_as_overrun() {
+    // The ring has 1,024 bytes. These end within its first and second turn.
+    for len in [1_100, 1_500, 1_900, 2_000, 2_500, 3_000] {
+        on_board_with(with_full_flash(RawArm::default(), Timing::Typical), |board| {
+            let after = Nanos::from_millis(1);
+            let received = send_during_erase(board, &Burst { len, after });
+            let sent = noise(1, len);
+            assert!(
+                sent.ends_with(&received),
+                "{} of {len} bytes, from two turns of the ring",
+                received.len()
+            );
+            assert_eq!(counters(board).ring_overruns, 1, "{len} bytes");
+            exchange(board, &noise(2, 1_000), &noise(3, 1_000));
+        });
+    }
+}
+
+/// The change of the rate is due at the end of the erase, when the ring is full of frames.
+#[test]
+fn frames_during_erase_arrive_before_change_of_rate() {
+    const FRAMES: u16 = 20;
+    const CHANGE: u64 = 100_000_000;
+    on_board_with(with_full_flash(RawArm::default(), Timing::Typical), |board| {
+        plug_in(board, MEGABAUD);
+        let mut control = Control::open(board);
+        board.usb().set_line_coding(LineCoding::new(115_200)).unwrap();
+        let half = facts(chip()).erase[0].0 / 2;
+        board.run_for(Nanos(CHANGE.saturating_sub(half))).unwrap();
+        control.send(board, control::Request::SaveConfig);
+        board.run_for(Nanos::from_millis(2)).unwrap();
+        let frames: Vec<u8> = (0..FRAMES).flat_map(|nth| joint_answer([nth; JOINTS])).collect();
+        board.with_arm(|arm| arm.send(&frames));
+        assert_eq!(control.reply(board), Reply::Done);
+        same_bytes("the host", &read_all(board), &frames);
+        board.run_for(Nanos(CHANGE)).unwrap();
+        assert!(board.uart().baud().unwrap() < 116_000);
+    });
+}
+
+/// The STM32s stamp by an interrupt handler, which waits for the flash.
+#[test]
+fn frames_during_erase_have_exact_stamps() {
+    if chip() != Chip::Rp2040 {
+        return;
+    }
+    const FRAMES: usize = 12;
+    on_board_with(with_full_flash(RawArm::default(), Timing::Typical), |board| {
+        plug_in(board, MEGABAUD);
+        let mut control = Control::open(board);
+        control.subscribe(board);
+        control.send(board, control::Request::SaveConfig);
+        board.uart().forget_bytes();
+        for nth in 0..FRAMES {
+            board.with_arm(|arm| arm.send(&joint_answer([nth as u16; JOINTS])));
+            board.run_for(Nanos(600_000)).unwrap();
+        }
+        assert_eq!(control.reply(board), Reply::Done);
+        board.run_for(Nanos::from_millis(20)).unwrap();
+        let ends = board.uart().bytes();
+        let ends: Vec<Nanos> = ends
+            .chunks(joint_answer([0; JOINTS]).len())
+            .map(|frame| frame.last().unwrap().at)
+            .collect();
+        let stamps: Vec<_> = control.take_events(board).iter().map(|&(at, _)| at).collect();
+        expect_exact(&stamps, &ends);
+        assert_eq!(counters(board).late_stamps, 0);
+    });
+}
+
 #[test]
 fn save_is_refused_at_low_supply() {
     if chip() != Chip::Stm32f405 {
         return;
     }
-    on_board_with(with_full_flash(Timing::Typical), |board| {
+    on_board_with(with_full_flash(ling(), Timing::Typical), |board| {
         plug_in(board, MEGABAUD);
         let mut control = Control::open(board);
         let before = counters(board);

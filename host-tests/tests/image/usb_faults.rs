@@ -16,10 +16,7 @@ const READY: Nanos = Nanos::from_millis(100);
 
 /// Runs a test on a board with a fast USB controller, and on one with a slow controller.
 fn on_either_board(test: impl Fn(&mut Board)) {
-    for timing in [Timing::Typical, Timing::Worst]
-        .into_iter()
-        .take(facts(chip()).variants)
-    {
+    for timing in facts(chip()).variants([Timing::Typical, Timing::Worst]) {
         let config = Config {
             timing,
             ..Config::new(path(), RawArm::default())

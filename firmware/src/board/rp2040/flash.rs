@@ -5,16 +5,14 @@
 
 use core::ops::Range;
 
-use embassy_embedded_hal::adapter::BlockingAsync;
 use embassy_rp::Peri;
-use embassy_rp::flash::{Blocking, Error, Flash};
+use embassy_rp::flash::{Blocking, ERASE_SIZE, Error, Flash, READ_SIZE, WRITE_SIZE};
 use embassy_rp::peripherals::FLASH;
 use embassy_sync::once_lock::OnceLock;
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
 use heapless::String;
 
-use crate::adapter::now;
-use crate::uart::stalled_since;
+use crate::uart::stall;
 
 /// Size of the flash in bytes.
 const SIZE: usize = 2 * 1024 * 1024;
@@ -23,7 +21,7 @@ const SIZE: usize = 2 * 1024 * 1024;
 pub(crate) const CONFIG_FLASH: Range<u32> = 0x1F_E000..0x20_0000;
 
 /// The HAL's driver.
-type Sectors = BlockingAsync<Flash<'static, FLASH, Blocking, SIZE>>;
+type Sectors = Flash<'static, FLASH, Blocking, SIZE>;
 
 /// The flash.
 pub(crate) struct ConfigFlash(Sectors);
@@ -54,7 +52,7 @@ pub(super) fn new(flash: Peri<'static, FLASH>) -> ConfigFlash {
         let digits = id.iter().flat_map(|byte| [byte >> 4, byte & 0xF]);
         let _ = ID.init(digits.map(digit).collect());
     }
-    ConfigFlash(BlockingAsync::new(flash))
+    ConfigFlash(flash)
 }
 
 impl ErrorType for ConfigFlash {
@@ -62,10 +60,10 @@ impl ErrorType for ConfigFlash {
 }
 
 impl ReadNorFlash for ConfigFlash {
-    const READ_SIZE: usize = Sectors::READ_SIZE;
+    const READ_SIZE: usize = READ_SIZE;
 
     async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), FlashError> {
-        self.0.read(offset, bytes).await
+        self.0.blocking_read(offset, bytes)
     }
 
     fn capacity(&self) -> usize {
@@ -74,20 +72,14 @@ impl ReadNorFlash for ConfigFlash {
 }
 
 impl NorFlash for ConfigFlash {
-    const WRITE_SIZE: usize = Sectors::WRITE_SIZE;
-    const ERASE_SIZE: usize = Sectors::ERASE_SIZE;
+    const WRITE_SIZE: usize = WRITE_SIZE;
+    const ERASE_SIZE: usize = ERASE_SIZE;
 
     async fn erase(&mut self, from: u32, to: u32) -> Result<(), FlashError> {
-        let start = now();
-        let result = self.0.erase(from, to).await;
-        stalled_since(start);
-        result
+        stall(|| self.0.blocking_erase(from, to))
     }
 
     async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), FlashError> {
-        let start = now();
-        let result = self.0.write(offset, bytes).await;
-        stalled_since(start);
-        result
+        stall(|| self.0.blocking_write(offset, bytes))
     }
 }

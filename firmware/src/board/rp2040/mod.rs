@@ -29,7 +29,7 @@ pub(crate) use boot::enter_boot_loader;
 pub(crate) use embassy_rp as hal;
 pub(crate) use flash::{CONFIG_FLASH, ConfigFlash, FlashError, is_supply_low, serial_number};
 pub(crate) use mask::mask;
-pub(crate) use time::{clear_idle_alarm, set_idle_alarm, transmit_at};
+pub(crate) use time::{clear_idle_alarm, has_passed, set_idle_alarm, transmit_at};
 pub(crate) use uart as usart;
 pub(crate) use usb::{cancel_unfetched_packet, cancel_unfetched_packets};
 
@@ -38,7 +38,8 @@ pub(super) const CHIP: Chip = Chip::Rp2040;
 
 pub(crate) const CAN_FD: bool = false;
 
-/// From its alarm to the UART a poll takes 26 µs, and longer if a task uses the bridge at that time.
+/// A poll is prepared after its alarm, and later if a task uses the bridge at that time: four times the lead time of an
+/// STM32.
 pub(crate) const POLL_LEAD_TIME: armwire_bridge::Duration = armwire_bridge::Duration::from_micros(100);
 
 bind_interrupts!(struct Irqs {

@@ -3,12 +3,11 @@
 //! The HAL's driver is not used: its alarm does not run the service. Further alarms start and end a burst, and detect
 //! an idle line.
 
-use core::sync::atomic::Ordering;
+use core::sync::atomic::{AtomicBool, Ordering};
 
 use armwire_bridge::Instant;
 use embassy_rp::interrupt::typelevel::{Handler, Interrupt, TIMER_IRQ_0, TIMER_IRQ_1};
 use embassy_rp::pac::TIMER;
-use portable_atomic::AtomicBool;
 
 use super::{IdleInterrupt, uart};
 use crate::adapter::now;
@@ -43,18 +42,18 @@ pub(super) fn start() {
 /// The interrupt handler starts it: no task would be as punctual.
 pub(crate) fn transmit_at(at: Instant) {
     IS_WAITING.store(true, Ordering::Relaxed);
-    set_alarm::<TIMER_IRQ_1>(BURST, at.as_micros());
+    set_alarm::<TIMER_IRQ_1>(BURST, at.as_micros() as u32);
 }
 
 /// Looks for the end of a burst at `at`.
 pub(super) fn set_end_alarm(at: Instant) {
     IS_WAITING.store(false, Ordering::Relaxed);
-    set_alarm::<TIMER_IRQ_1>(BURST, at.as_micros());
+    set_alarm::<TIMER_IRQ_1>(BURST, at.as_micros() as u32);
 }
 
-/// Looks for an idle line at `at`.
-pub(crate) fn set_idle_alarm(at: Instant) {
-    set_alarm::<IdleInterrupt>(IDLE, at.as_micros());
+/// Looks for an idle line at `at`, the lower half of a time.
+pub(crate) fn set_idle_alarm(at: u32) {
+    set_alarm::<IdleInterrupt>(IDLE, at);
 }
 
 /// Clears the interrupt of the alarm for an idle line.
@@ -62,13 +61,18 @@ pub(crate) fn clear_idle_alarm() {
     TIMER.intr().write(|w| w.set_alarm(IDLE, true));
 }
 
-/// Sets an alarm. Its interrupt comes at once if the time has passed.
-fn set_alarm<I: Interrupt>(alarm: usize, at: u64) {
-    TIMER.alarm(alarm).write_value(at as u32);
+/// Sets an alarm, at most half a turn of the counter away. Its interrupt comes at once if the time has passed.
+fn set_alarm<I: Interrupt>(alarm: usize, at: u32) {
+    TIMER.alarm(alarm).write_value(at);
     // The counter may have passed it in between.
-    if micros() >= at {
+    if has_passed(at) {
         I::pend();
     }
+}
+
+/// Returns true if this time, the lower half, is at most half a turn of the counter ago.
+pub(crate) fn has_passed(at: u32) -> bool {
+    TIMER.timerawl().read().wrapping_sub(at) <= i32::MAX as u32
 }
 
 /// The time in microseconds.

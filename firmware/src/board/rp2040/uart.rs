@@ -2,7 +2,7 @@
 //!
 //! Interrupt handlers write them, too: every read-modify-write must be in a critical section.
 
-use core::sync::atomic::{Ordering, fence};
+use core::sync::atomic::{AtomicBool, AtomicU32, Ordering, fence};
 
 use armwire_bridge::{Duration, LineCoding, Parity, StopBits};
 use embassy_rp::clocks::clk_peri_freq;
@@ -10,7 +10,6 @@ use embassy_rp::pac::dma::regs::CtrlTrig;
 use embassy_rp::pac::dma::vals::{DataSize, TreqSel};
 use embassy_rp::pac::io::vals::{Gpio0ctrlFuncsel, Oeover};
 use embassy_rp::pac::{DMA, IO_BANK0, PADS_BANK0, SIO, TIMER, UART1};
-use portable_atomic::{AtomicBool, AtomicU32};
 
 use super::time::set_end_alarm;
 use crate::adapter::now;
@@ -110,11 +109,12 @@ pub(crate) fn line_time(bytes: u32) -> Duration {
 /// Reads and clears the errors.
 pub(crate) fn take_errors() -> Errors {
     let shown = UART1.uartris().read();
+    // One that has come since the read stays for the next call.
     UART1.uarticr().write(|w| {
-        w.set_feic(true);
-        w.set_peic(true);
-        w.set_beic(true);
-        w.set_oeic(true);
+        w.set_feic(shown.feris());
+        w.set_peic(shown.peris());
+        w.set_beic(shown.beris());
+        w.set_oeic(shown.oeris());
     });
     Errors {
         framing: shown.feris() || shown.beris(),
@@ -227,6 +227,8 @@ pub(crate) fn start_sending(bytes: &[u8]) {
 pub(crate) fn stop_sending() {
     DMA.inte(1).write_value(0);
     abort(&[SENT]);
+    // Their number is unknown: the alarm looks from now on.
+    LEN.store(0, Ordering::Relaxed);
 }
 
 /// Clears the interrupt of the transmit DMA.
