@@ -225,6 +225,46 @@ fn cleared_halt_costs_no_byte() {
 }
 
 #[test]
+fn halt_lasts_until_host_clears_it() {
+    on_either_board(|board| {
+        plug_in(board, MEGABAUD);
+        for (nth, direction) in [Direction::In, Direction::Out, Direction::In].into_iter().enumerate() {
+            let (up, down) = (noise(nth as u64, 200), noise(10 + nth as u64, 200));
+            board.usb().set_halt(direction).unwrap();
+            board.with_arm(|arm| arm.send(&up));
+            board.usb().write(&down).unwrap();
+            board.run_for(Nanos::from_millis(20)).unwrap();
+            assert!(board.usb().is_halted(direction).unwrap());
+            let (mut received, mut received_by_arm) = (board.usb().read(), board.with_arm(RawArm::take_received));
+            match direction {
+                Direction::In => same_bytes("the host", &received, &[]),
+                Direction::Out => same_bytes("the arm", &received_by_arm, &[]),
+            }
+            board.usb().clear_halt(direction).unwrap();
+            assert!(!board.usb().is_halted(direction).unwrap());
+            received.extend(read_all(board));
+            received_by_arm.extend(board.with_arm(RawArm::take_received));
+            same_bytes("the host", &received, &up);
+            same_bytes("the arm", &received_by_arm, &down);
+        }
+    });
+}
+
+#[test]
+fn set_configuration_or_set_interface_ends_halt() {
+    costs_no_byte(|board| {
+        for direction in [Direction::In, Direction::Out] {
+            board.usb().set_halt(direction).unwrap();
+            board.usb().set_configuration(1).unwrap();
+            assert!(!board.usb().is_halted(direction).unwrap());
+            board.usb().set_halt(direction).unwrap();
+            board.usb().set_interface().unwrap();
+            assert!(!board.usb().is_halted(direction).unwrap());
+        }
+    });
+}
+
+#[test]
 fn halt_of_missing_endpoint_costs_no_byte() {
     costs_no_byte(|board| {
         for endpoint in [0x04, 0x0F, 0x84, 0x8F] {

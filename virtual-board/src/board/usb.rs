@@ -23,10 +23,12 @@ const CONNECT_LIMIT: Nanos = Nanos::from_millis(2_000);
 /// The address that the host gives the device.
 const ADDRESS: u8 = 1;
 
-/// Standard requests that write (USB 2.0, tables 9-2 to 9-6).
+/// Standard requests (USB 2.0, tables 9-2 to 9-6).
 const TO_DEVICE: u8 = 0x00;
 const TO_INTERFACE: u8 = 0x01;
 const TO_ENDPOINT: u8 = 0x02;
+const FROM_ENDPOINT: u8 = 0x82;
+const GET_STATUS: u8 = 0;
 const CLEAR_FEATURE: u8 = 1;
 const SET_FEATURE: u8 = 3;
 const SET_CONFIGURATION: u8 = 9;
@@ -212,6 +214,17 @@ impl<A: Arm> Usb<'_, A> {
             Vec::new(),
         );
         self.control_anew(&[endpoint], request)
+    }
+
+    /// Returns true if one direction of the open port is halted (USB 2.0, 9.4.5, GET_STATUS).
+    ///
+    /// # Errors
+    ///
+    /// [`Error::NotOpen`], or the error of the request.
+    pub fn is_halted(&mut self, direction: Direction) -> Result<bool, Error> {
+        let endpoint = self.port_endpoint(direction)?;
+        let request = Request::read(FROM_ENDPOINT, GET_STATUS, 0, address_of(endpoint), 2);
+        Ok(self.control(request)? == [1, 0])
     }
 
     /// Selects the first alternate setting of the open port's data interface again, and resets the host's data toggles

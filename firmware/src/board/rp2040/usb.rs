@@ -1,24 +1,28 @@
 //! The registers of the USB peripheral, behind [`usb_driver`](crate::board::usb_driver) and
 //! [`usb_control`](crate::board::usb_control).
 
-use core::future::Future;
+use core::future::{Future, poll_fn};
 use core::pin::pin;
 use core::task::{Context, Poll};
 
 use embassy_rp::interrupt::typelevel::{Handler, USBCTRL_IRQ};
+use embassy_rp::pac::common::{RW, Reg};
 use embassy_rp::pac::usb_dpram::regs::EpBufferControl;
 use embassy_rp::pac::{USB, USB_DPRAM};
 use embassy_rp::{peripherals, usb};
-use embassy_usb::driver::{self, Bus as _, ControlPipe as _, Direction, EndpointAddress, EndpointError, Event};
+use embassy_usb::driver::{
+    self, Bus as _, ControlPipe as _, Direction, EndpointAddress, EndpointError, EndpointInfo, Event,
+};
 
 use crate::board::usb_control::wake_if_over;
+use crate::board::usb_driver::soon;
 
 /// The HAL's driver and its parts.
 pub(in crate::board) type Hal = usb::Driver<'static, peripherals::USB>;
 pub(in crate::board) type HalBus = <Hal as driver::Driver<'static>>::Bus;
 pub(in crate::board) type HalControlPipe = <Hal as driver::Driver<'static>>::ControlPipe;
-pub(in crate::board) type In = <Hal as driver::Driver<'static>>::EndpointIn;
-pub(in crate::board) type Out = <Hal as driver::Driver<'static>>::EndpointOut;
+type HalIn = <Hal as driver::Driver<'static>>::EndpointIn;
+type HalOut = <Hal as driver::Driver<'static>>::EndpointOut;
 
 /// Number of endpoints in each direction.
 pub(in crate::board) const ENDPOINTS: usize = 16;
@@ -67,12 +71,20 @@ pub(in crate::board) fn withdraw_answer() {
 
 /// Takes the next request.
 pub(in crate::board) fn poll_request(pipe: &mut HalControlPipe, cx: &mut Context<'_>) -> Poll<[u8; 8]> {
-    let request = pin!(pipe.setup()).poll(cx);
-    if request.is_ready() {
-        // The HAL enables it only for a task that waits for a request.
-        USB.inte().modify(|w| w.set_setup_req(true));
+    if pin!(pipe.setup()).poll(cx).is_pending() {
+        return Poll::Pending;
     }
-    request
+    // The HAL enables it only for a task that waits for a request.
+    USB.inte().modify(|w| w.set_setup_req(true));
+    // The packet is read again: another may have come while the HAL read it and cleared its flag.
+    let low = USB_DPRAM.setup_packet_low().read().0;
+    let high = USB_DPRAM.setup_packet_high().read().0;
+    if USB.sie_status().read().setup_rec() {
+        // One has come since, possibly during this read.
+        cx.waker().wake_by_ref();
+        return Poll::Pending;
+    }
+    Poll::Ready((u64::from(high) << 32 | u64::from(low)).to_le_bytes())
 }
 
 /// Withdraws the packets in endpoints that the host will not fetch.
@@ -84,72 +96,69 @@ pub(crate) fn cancel_unfetched_packets() {
 
 /// Withdraws the packet in an IN endpoint. Returns true if it was still unfetched.
 pub(crate) fn cancel_unfetched_packet(endpoint: usize) -> bool {
-    // The service and the tasks arm endpoints.
-    critical_section::with(|_| {
-        let buffer = USB_DPRAM.ep_in_buffer_control(endpoint);
-        let held = hold(EndpointAddress::from_parts(endpoint, Direction::In));
-        let is_unfetched = held.available(0);
+    held(EndpointAddress::from_parts(endpoint, Direction::In), |buffer| {
+        let mut control = buffer.read();
+        let is_unfetched = control.available(0);
         if is_unfetched {
             // The next packet has the toggle of this one: the HAL changes it before each.
-            buffer.write(|w| w.set_pid(0, !held.pid(0)));
+            control.set_pid(0, !control.pid(0));
+            control.set_available(0, false);
+            buffer.write_value(control);
         }
-        release();
         is_unfetched
     })
 }
 
-/// Resets an endpoint's data toggle to DATA0 (USB 2.0, 9.1.1.5, 9.4.5, 9.4.10). A packet that waits there stays.
-fn reset_data_toggle(endpoint: EndpointAddress) {
-    let buffer = match endpoint.direction() {
-        Direction::In => USB_DPRAM.ep_in_buffer_control(endpoint.index()),
-        Direction::Out => USB_DPRAM.ep_out_buffer_control(endpoint.index()),
-    };
-    critical_section::with(|_| {
-        let mut held = hold(endpoint);
-        let is_armed = held.available(0);
+/// Resets an endpoint's data toggle to DATA0 (USB 2.0, 9.1.1.5, 9.4.5, 9.4.10), and halts it or ends its halt. A packet
+/// that waits there stays.
+fn restart(bus: &mut HalBus, endpoint: EndpointAddress, halted: bool) {
+    held(endpoint, |buffer| {
+        bus.endpoint_set_stalled(endpoint, halted);
+        let mut control = buffer.read();
+        let is_armed = control.available(0);
         // The HAL changes the toggle before it arms the endpoint.
-        held.set_pid(0, !is_armed);
-        held.set_available(0, false);
-        buffer.write_value(held);
+        control.set_pid(0, !is_armed);
+        control.set_available(0, false);
+        buffer.write_value(control);
         if is_armed {
             cortex_m::asm::delay(SETTLE_CYCLES);
-            held.set_available(0, true);
-            buffer.write_value(held);
+            control.set_available(0, true);
+            buffer.write_value(control);
         }
-        release();
     });
 }
 
-/// Makes an endpoint answer with NAK until [`release`] (4.1.2.9, EP_ABORT). Returns its buffer's control.
-///
-/// Chips before revision B2 ignore the request (RP2040-E2): a packet that is on the wire meanwhile may count as
-/// waiting.
-fn hold(endpoint: EndpointAddress) -> EpBufferControl {
-    let index = endpoint.index();
+/// The control of an endpoint's buffer.
+fn buffer(endpoint: EndpointAddress) -> Reg<EpBufferControl, RW> {
     match endpoint.direction() {
-        Direction::In => {
-            USB.ep_abort().write(|w| w.set_ep_in(index, true));
-            soon(|| USB.ep_abort_done().read().ep_in(index));
-            USB_DPRAM.ep_in_buffer_control(index).read()
-        }
-        Direction::Out => {
-            USB.ep_abort().write(|w| w.set_ep_out(index, true));
-            soon(|| USB.ep_abort_done().read().ep_out(index));
-            USB_DPRAM.ep_out_buffer_control(index).read()
-        }
+        Direction::In => USB_DPRAM.ep_in_buffer_control(endpoint.index()),
+        Direction::Out => USB_DPRAM.ep_out_buffer_control(endpoint.index()),
     }
 }
 
-/// Ends [`hold`].
-fn release() {
-    USB.ep_abort().write(|_| {});
-    USB.ep_abort_done().write(|w| w.0 = u32::MAX);
-}
-
-/// Waits up to 50 µs for a condition.
-fn soon(has_come: impl Fn() -> bool) {
-    const TRIES: usize = 1_000;
-    let _ = (0..TRIES).any(|_| has_come());
+/// Calls `change` with the control of an endpoint's buffer. The endpoint answers with NAK meanwhile (4.1.2.9, EP_ABORT).
+///
+/// Chips before revision B2 ignore the request (RP2040-E2): a packet that is on the wire meanwhile may count as
+/// waiting.
+fn held<R>(endpoint: EndpointAddress, change: impl FnOnce(Reg<EpBufferControl, RW>) -> R) -> R {
+    let index = endpoint.index();
+    // The service and the tasks arm endpoints.
+    critical_section::with(|_| {
+        match endpoint.direction() {
+            Direction::In => {
+                USB.ep_abort().write(|w| w.set_ep_in(index, true));
+                soon(|| USB.ep_abort_done().read().ep_in(index));
+            }
+            Direction::Out => {
+                USB.ep_abort().write(|w| w.set_ep_out(index, true));
+                soon(|| USB.ep_abort_done().read().ep_out(index));
+            }
+        }
+        let result = change(buffer(endpoint));
+        USB.ep_abort().write(|_| {});
+        USB.ep_abort_done().write(|w| w.0 = u32::MAX);
+        result
+    })
 }
 
 /// Returns true if an endpoint is in use.
@@ -161,14 +170,70 @@ fn is_active(endpoint: EndpointAddress) -> bool {
     }
 }
 
-/// The endpoints are the HAL's.
-pub(in crate::board) fn endpoint_in(endpoint: In) -> In {
-    endpoint
+/// An endpoint that does not end its halt.
+pub(in crate::board) fn endpoint_in(endpoint: HalIn) -> In {
+    In(endpoint)
 }
 
 /// See [`endpoint_in`].
-pub(in crate::board) fn endpoint_out(endpoint: Out) -> Out {
-    endpoint
+pub(in crate::board) fn endpoint_out(endpoint: HalOut) -> Out {
+    Out(endpoint)
+}
+
+/// An IN endpoint.
+pub(crate) struct In(HalIn);
+
+impl driver::Endpoint for In {
+    fn info(&self) -> &EndpointInfo {
+        self.0.info()
+    }
+
+    async fn wait_enabled(&mut self) {
+        self.0.wait_enabled().await;
+    }
+}
+
+impl driver::EndpointIn for In {
+    async fn write(&mut self, packet: &[u8]) -> Result<(), EndpointError> {
+        wait_for_buffer(&mut self.0).await;
+        self.0.write(packet).await
+    }
+}
+
+/// An OUT endpoint.
+pub(crate) struct Out(HalOut);
+
+impl driver::Endpoint for Out {
+    fn info(&self) -> &EndpointInfo {
+        self.0.info()
+    }
+
+    async fn wait_enabled(&mut self) {
+        self.0.wait_enabled().await;
+    }
+}
+
+impl driver::EndpointOut for Out {
+    async fn read(&mut self, packet: &mut [u8]) -> Result<usize, EndpointError> {
+        wait_for_buffer(&mut self.0).await;
+        self.0.read(packet).await
+    }
+}
+
+/// Waits until the controller has no access to an endpoint's packet, and the endpoint is not halted. The HAL would end
+/// the halt with the next packet.
+async fn wait_for_buffer(endpoint: &mut impl driver::Endpoint) {
+    let buffer = buffer(endpoint.info().addr);
+    poll_fn(|cx| {
+        // This registers the waker that the HAL wakes after a packet and at the end of a halt.
+        let _ = pin!(endpoint.wait_enabled()).poll(cx);
+        let control = buffer.read();
+        match control.available(0) || control.stall() {
+            true => Poll::Pending,
+            false => Poll::Ready(()),
+        }
+    })
+    .await;
 }
 
 /// No state depends on events of the bus.
@@ -183,14 +248,14 @@ pub(in crate::board) fn set_enabled(bus: &mut HalBus, endpoint: EndpointAddress,
     if !enabled || !is_active(endpoint) {
         bus.endpoint_set_enabled(endpoint, enabled);
     } else {
-        reset_data_toggle(endpoint);
+        restart(bus, endpoint, false);
     }
 }
 
-/// Halts an endpoint, or clears its halt. Its next packet then has DATA0.
+/// Halts an endpoint, or ends its halt. Its next packet then has DATA0.
 pub(in crate::board) fn set_stalled(bus: &mut HalBus, endpoint: EndpointAddress, stalled: bool) {
-    bus.endpoint_set_stalled(endpoint, stalled);
-    if !stalled && endpoint.index() != 0 {
-        reset_data_toggle(endpoint);
+    match endpoint.index() {
+        0 => bus.endpoint_set_stalled(endpoint, stalled),
+        _ => restart(bus, endpoint, stalled),
     }
 }

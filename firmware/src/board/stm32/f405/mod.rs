@@ -20,6 +20,8 @@ use embassy_stm32::dma::{Channel, Request};
 use embassy_stm32::gpio::Pull;
 use embassy_stm32::interrupt::{Interrupt, InterruptExt};
 use embassy_stm32::pac;
+use embassy_stm32::pac::common::{RW, Reg};
+use embassy_stm32::pac::otg::regs::Diepctl;
 use embassy_stm32::peripherals::USB_OTG_FS;
 use embassy_stm32::usart::{Config as UartConfig, UartRx};
 use embassy_stm32::{bind_interrupts, usb as hal_usb};
@@ -29,6 +31,7 @@ use super::can::Can;
 use super::crystal;
 use super::time::{self, TimerHandler};
 use super::{Board, ChipReset, Led, THIS, UsbDriver, Watchdog, enable_clocks, pin, usart};
+use crate::board::usb_driver::soon;
 use crate::ceiling::DRIVERS;
 use crate::service::ServiceHandler;
 use crate::uart::SleepHandler;
@@ -169,10 +172,7 @@ pub(crate) fn cancel_unfetched_packets() {
     for endpoint in 1..usb::ENDPOINTS {
         let control = pac::USB_OTG_FS.diepctl(endpoint);
         if control.read().epena() {
-            control.modify(|w| {
-                w.set_snak(true);
-                w.set_epdis(true);
-            });
+            disable(control);
         }
     }
 }
@@ -186,22 +186,35 @@ pub(crate) fn cancel_unfetched_packet(endpoint: usize) -> bool {
         if !control.read().epena() {
             return false;
         }
-        control.modify(|w| w.set_snak(true));
-        // A packet on the wire is completed within 50 µs. It then counts as fetched.
+        // Writing back EPENA as a one would restart a transfer that ended in between.
+        control.modify(|w| {
+            w.set_epena(false);
+            w.set_snak(true);
+        });
+        // A packet on the wire is completed. It then counts as fetched.
         if !soon(|| flags.read().inepne()) {
-            control.modify(|w| w.set_cnak(true));
+            control.modify(|w| {
+                w.set_epena(false);
+                w.set_cnak(true);
+            });
             return false;
         }
         if !control.read().epena() {
             return false;
         }
-        control.modify(|w| {
-            w.set_snak(true);
-            w.set_epdis(true);
-        });
+        disable(control);
         let is_back = soon(|| !control.read().epena());
         flush(endpoint) && is_back
     })
+}
+
+/// Begins to disable an IN endpoint. It answers with NAK.
+fn disable(endpoint: Reg<Diepctl, RW>) {
+    endpoint.modify(|w| {
+        w.set_epena(false);
+        w.set_snak(true);
+        w.set_epdis(true);
+    });
 }
 
 /// Flushes the transmit FIFO of a disabled endpoint. Returns true if it is empty.
@@ -212,10 +225,4 @@ fn flush(endpoint: usize) -> bool {
         w.set_txfflsh(true);
     });
     soon(|| !resets.read().txfflsh())
-}
-
-/// Waits up to 50 µs for a condition. Returns true if it was met.
-fn soon(has_come: impl Fn() -> bool) -> bool {
-    const TRIES: usize = 2_000;
-    (0..TRIES).any(|_| has_come())
 }

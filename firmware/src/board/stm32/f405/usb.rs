@@ -14,8 +14,9 @@ use embassy_stm32::pac::otg::vals::Pktstsd;
 use embassy_stm32::{peripherals, usb};
 use embassy_usb::driver::{self, Bus as _, ControlPipe as _, Direction, EndpointAddress, EndpointError, Event};
 
-use super::{flush, soon};
+use super::{disable, flush};
 use crate::board::usb_control::{SETUP_ARRIVED, wake_if_over};
+use crate::board::usb_driver::soon;
 
 /// The HAL's driver and its parts.
 pub(in crate::board) type Hal = usb::Driver<'static, peripherals::USB_OTG_FS>;
@@ -81,7 +82,11 @@ pub(in crate::board) fn withdraw_answer() {
 
 /// Accepts no data in endpoint 0 before the next request is taken.
 fn hold_data() {
-    USB_OTG_FS.doepctl(0).modify(|w| w.set_snak(true));
+    // See `restart`.
+    USB_OTG_FS.doepctl(0).modify(|w| {
+        w.set_epena(false);
+        w.set_snak(true);
+    });
 }
 
 /// Withdraws the packet in endpoint 0 after a SETUP packet, which has set the endpoint's NAK (RM0090 34.17.6, "IN
@@ -89,27 +94,27 @@ fn hold_data() {
 fn withdraw_packet() {
     let control = USB_OTG_FS.diepctl(0);
     if control.read().epena() {
-        control.modify(|w| {
-            w.set_snak(true);
-            w.set_epdis(true);
-        });
+        disable(control);
         soon(|| !control.read().epena());
         flush(0);
     }
 }
 
-/// Resets an endpoint's data toggle to DATA0 (USB 2.0, 9.1.1.5, 9.4.5, 9.4.10).
-fn reset_data_toggle(endpoint: EndpointAddress) {
+/// Resets an endpoint's data toggle to DATA0 (USB 2.0, 9.1.1.5, 9.4.5, 9.4.10), and halts it or ends its halt. A packet
+/// that waits there stays.
+fn restart(endpoint: EndpointAddress, halted: bool) {
     let index = endpoint.index();
     // Writing back a one would restart a transfer that ended in between.
     critical_section::with(|_| match endpoint.direction() {
         Direction::In => USB_OTG_FS.diepctl(index).modify(|w| {
             w.set_epena(false);
             w.set_sd0pid_sevnfrm(true);
+            w.set_stall(halted);
         }),
         Direction::Out => USB_OTG_FS.doepctl(index).modify(|w| {
             w.set_epena(false);
             w.set_sd0pid_sevnfrm(true);
+            w.set_stall(halted);
         }),
     });
 }
@@ -142,14 +147,14 @@ pub(in crate::board) fn set_enabled(bus: &mut HalBus, endpoint: EndpointAddress,
     if !enabled || !is_active(endpoint) {
         bus.endpoint_set_enabled(endpoint, enabled);
     }
-    reset_data_toggle(endpoint);
+    restart(endpoint, false);
 }
 
-/// Halts an endpoint, or clears its halt. Its next packet then has DATA0.
+/// Halts an endpoint, or ends its halt. Its next packet then has DATA0.
 pub(in crate::board) fn set_stalled(bus: &mut HalBus, endpoint: EndpointAddress, stalled: bool) {
-    bus.endpoint_set_stalled(endpoint, stalled);
-    if !stalled && endpoint.index() != 0 {
-        reset_data_toggle(endpoint);
+    match endpoint.index() {
+        0 => bus.endpoint_set_stalled(endpoint, stalled),
+        _ => restart(endpoint, stalled),
     }
 }
 

@@ -17,12 +17,12 @@ use embassy_stm32::pac::usb::regs::Epr;
 use embassy_stm32::pac::usb::vals::Stat;
 use embassy_stm32::pac::{USB, USBRAM};
 use embassy_stm32::{peripherals, usb};
-use embassy_time::{Duration, Instant};
 use embassy_usb::driver::{
     self, Bus as _, ControlPipe as _, Direction, Endpoint as _, EndpointAddress, EndpointError, EndpointInfo, Event,
 };
 
 use crate::board::usb_control::{SETUP_ARRIVED, wake_if_over, wake_stage};
+use crate::board::usb_driver::soon;
 
 /// The HAL's driver and its parts.
 pub(in crate::board) type Hal = usb::Driver<'static, peripherals::USB>;
@@ -33,9 +33,6 @@ type HalOut = <Hal as driver::Driver<'static>>::EndpointOut;
 
 /// The endpoint registers of the controller.
 pub(in crate::board) const ENDPOINTS: usize = 8;
-
-/// The duration of a 64-byte packet and its handshake on the wire, with a margin.
-const PACKET_TIME: Duration = Duration::from_micros(60);
 
 /// The bus was reset or suspended, and the HAL has not been notified.
 static BUS_EVENT_PENDING: AtomicBool = AtomicBool::new(false);
@@ -187,25 +184,34 @@ pub(crate) fn cancel_unfetched_packet(endpoint: usize) -> bool {
     if !is_armed() {
         return false;
     }
-    let was_valid = critical_section::with(|_| {
-        let was_valid = status(address) == Stat::VALID;
-        if was_valid {
-            // The host's acknowledgement sets NAK, once. Just before this write, it makes it STALL until the next line:
-            // the host's next token comes later than that.
+    let before = critical_section::with(|_| {
+        let before = status(address);
+        if before == Stat::VALID {
+            // The host's acknowledgement sets NAK. If that comes between the read and the write of the register, the write
+            // sets STALL instead, until the next line: the host's next token comes later.
             set_status(address, Stat::DISABLED);
-            // Just before one of these writes, it makes it DISABLED again.
+            // If it comes here, a write sets DISABLED instead, and is repeated.
             while status(address) != Stat::NAK {
                 set_status(address, Stat::NAK);
             }
         }
-        was_valid
+        before
     });
-    if was_valid {
+    match before {
         // A packet on the wire is completed. It then counts as fetched.
-        let start = Instant::now();
-        while is_armed() && start.elapsed() < PACKET_TIME {}
+        Stat::VALID => drop(soon(|| !is_armed())),
+        Stat::NAK => forget_fetched(address),
+        _ => {}
     }
     ARMED.fetch_and(!bit, Ordering::Relaxed) & bit != 0
+}
+
+/// Clears the record of a packet that the host has fetched. Its event is not recorded if it comes between the reads of
+/// the register by [`EventHandler`] and by the HAL's handler.
+fn forget_fetched(endpoint: EndpointAddress) {
+    if endpoint.direction() == Direction::In && status(endpoint) == Stat::NAK {
+        ARMED.fetch_and(!(1 << endpoint.index()), Ordering::Relaxed);
+    }
 }
 
 /// Clears the record of unfetched packets: a bus reset has disabled the endpoints.
@@ -347,13 +353,25 @@ fn fetch(endpoint: usize, packet: &mut [u8]) -> Result<usize, EndpointError> {
 pub(in crate::board) fn on_event(event: Event) {
     match event {
         Event::Reset => {
-            // A stage in progress may have changed endpoint 0 after the reset.
-            critical_section::with(|_| withdraw_answer());
+            // A write in progress may have changed an endpoint after the reset.
+            critical_section::with(|_| {
+                withdraw_answer();
+                disable_all();
+            });
             BUS_EVENT_PENDING.store(false, Ordering::Relaxed);
             SETUP_ARRIVED.store(false, Ordering::Relaxed);
         }
         Event::Suspend => BUS_EVENT_PENDING.store(false, Ordering::Relaxed),
         _ => {}
+    }
+}
+
+/// Disables all endpoints but 0.
+fn disable_all() {
+    for index in 1..ENDPOINTS {
+        for way in [Direction::In, Direction::Out] {
+            set_status(EndpointAddress::from_parts(index, way), Stat::DISABLED);
+        }
     }
 }
 
@@ -367,14 +385,17 @@ pub(in crate::board) fn set_enabled(bus: &mut HalBus, endpoint: EndpointAddress,
             // This comes before the host's next packet: an unread packet stays.
             set_status(endpoint, idle_status(endpoint));
         }
+        reset_data_toggle(endpoint);
+    } else {
+        set_stalled(bus, endpoint, false);
     }
-    reset_data_toggle(endpoint);
 }
 
-/// Halts an endpoint, or clears its halt. Its next packet then has DATA0.
+/// Halts an endpoint, or ends its halt. Its next packet then has DATA0.
 pub(in crate::board) fn set_stalled(bus: &mut HalBus, endpoint: EndpointAddress, stalled: bool) {
     let was_stalled = status(endpoint) == Stat::STALL;
     if stalled {
+        forget_fetched(endpoint);
         bus.endpoint_set_stalled(endpoint, true);
     } else if endpoint.index() != 0 {
         reset_data_toggle(endpoint);
