@@ -28,7 +28,6 @@ const NO_NOISE: &str = "the UART reports no noise, and several errors at once as
 /// The image tests that do not run, by a part of their names, and the reason.
 const NOT_RUN: &[(&str, &str)] = &[
     ("alpha1_works_over_usb_can_and_polls", NO_CAN),
-    ("arbitrary_bytes_pass_both_ways_at_any_rate", NO_CAN),
     ("bus_off_is_counted_once", NO_CAN),
     ("can::", NO_CAN),
     ("can_requests_without_room", NO_CAN),
@@ -50,7 +49,6 @@ const NOT_RUN: &[(&str, &str)] = &[
     ("campaign::", NO_FACTS),
     ("copy::", NO_FACTS),
     ("latency::", NO_FACTS),
-    ("port_may_be_closed_at_any_moment", NO_FACTS),
     ("service_that_stops", NO_FACTS),
     ("errors_in_many_bytes", NO_NOISE),
     ("line_errors_and_strays", NO_NOISE),
@@ -59,7 +57,6 @@ const NOT_RUN: &[(&str, &str)] = &[
     ("parity_errors_are_counted", NO_NOISE),
     ("canfd::", NO_CAN),
     ("held_back::", NO_CAN),
-    ("every_frame_of_a_busy_arm", NO_CAN),
     ("port_at_9600_then_1m_spares_can_stream", NO_CAN),
 ];
 

@@ -273,16 +273,25 @@ fn arbitrary_bytes_pass_both_ways_at_any_rate() {
             exchanged += len as u32;
         }
         // A host on the bus may send arbitrary bytes, too.
-        let mut on_can = CanProgram::default();
-        on_can.send(b"anything at all");
-        for _ in 0..50 {
-            assert_eq!(on_can.poll(board), None);
-            board.run_for(Nanos(100_000)).unwrap();
+        let on_bus: &[u8] = if facts(chip()).can { b"anything at all" } else { b"" };
+        if !on_bus.is_empty() {
+            let mut on_can = CanProgram::default();
+            on_can.send(on_bus);
+            for _ in 0..50 {
+                assert_eq!(on_can.poll(board), None);
+                board.run_for(Nanos(100_000)).unwrap();
+            }
+            assert_eq!(board.with_arm(RawArm::take_received), on_bus);
         }
-        assert_eq!(board.with_arm(RawArm::take_received), b"anything at all");
         let c = counters(board);
-        assert_eq!((c.arm_to_host_bytes, c.host_to_arm_bytes), (exchanged, exchanged + 15));
-        assert_eq!((c.frames, c.requests_usb, c.requests_can), (0, 0, 1));
+        assert_eq!(
+            (c.arm_to_host_bytes, c.host_to_arm_bytes),
+            (exchanged, exchanged + on_bus.len() as u32)
+        );
+        assert_eq!(
+            (c.frames, c.requests_usb, c.requests_can),
+            (0, 0, u32::from(facts(chip()).can))
+        );
         assert_eq!((c.dropped_bytes, c.refused_bytes, c.framing_errors), (0, 0, 0));
         expect_identity(board, ArmKind::Raw, None);
     });
