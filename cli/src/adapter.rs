@@ -2,7 +2,7 @@
 
 use armwire_bridge::config::Can;
 use armwire_bridge::slcan::BitRate;
-use armwire_host::{Adapter, Options, Port, has_serial_port, line_holder};
+use armwire_host::{Adapter, Options, Port, RECOVERY, has_serial_port, line_holder};
 use clap::Args;
 
 use crate::error::Error;
@@ -66,10 +66,6 @@ pub(crate) fn report_holder(control: &mut Adapter) -> Result<(), Error> {
     }
     Ok(())
 }
-
-/// The state of an adapter in recovery, in words.
-pub(crate) const RECOVERY: &str = "factory settings after crashed starts: CAN is off, and the saved settings are unused \
-                                   and unchanged until 'armwire config' saves others";
 
 /// Warns on standard error of an adapter in recovery.
 pub(crate) fn report_recovery(control: &mut Adapter) -> Result<(), Error> {

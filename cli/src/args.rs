@@ -80,7 +80,7 @@ impl ArmPort {
             Some(port) => adapter::report_recovery(&mut port.open(Options::default())?.adapter()?)?,
             None => {
                 if let Some(name) = connection.adapter_in_recovery() {
-                    print_error(&format_args!("{name}: the adapter has {}", adapter::RECOVERY));
+                    print_error(&format_args!("{name}: the adapter has {}", armwire_host::RECOVERY));
                 }
             }
         }

@@ -2,10 +2,10 @@
 
 use armwire_bridge::config::{Can, Poll};
 use armwire_host::describe::{Arm, Fact, object};
-use armwire_host::{Adapter, LineErrors, Link, XArm, line_holder};
+use armwire_host::{Adapter, LineErrors, Link, RECOVERY, XArm, line_holder};
 use clap::Args;
 
-use crate::adapter::{self, RECOVERY};
+use crate::adapter;
 use crate::args::{LiveArm, Place};
 use crate::error::Error;
 use crate::output::{print_json, print_line};

@@ -69,7 +69,7 @@ async fn main(spawner: Spawner) {
     let start = starts.start(restart::was_armed(), is_lost);
     restart::log(&start);
     if starts.recovery().is_some() {
-        warning!("recovery: factory settings after three crashed starts, and CAN is off");
+        warning!("recovery: factory settings after three crashed starts, without CAN");
     }
     match is_lost {
         true => warning!("the saved configuration is unreadable: factory settings"),

@@ -184,8 +184,8 @@ pub fn describe(identity: &Identity) -> Outside {
 }
 
 /// The state of an adapter in recovery, in words.
-pub const RECOVERY: &str = "factory settings after crashed starts: CAN is off, and the saved settings are unused and \
-                            unchanged until others are saved";
+pub const RECOVERY: &str = "factory settings after crashed starts, without CAN: the saved settings are unused and unchanged \
+                            until others are saved";
 
 /// An event in words.
 pub fn describe_event(event: &Event) -> String {
@@ -283,7 +283,7 @@ mod tests {
     fn events_of_an_adapter_are_told_in_words() {
         let recovery = describe_event(&Event::Recovery { active: true });
         assert!(
-            recovery.starts_with("the adapter has factory settings after crashed starts: CAN is off"),
+            recovery.starts_with("the adapter has factory settings after crashed starts, without CAN"),
             "{recovery}"
         );
         let silent = Event::HostSilent {

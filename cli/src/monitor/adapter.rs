@@ -8,12 +8,11 @@ use armwire::alpha1::Alpha1;
 use armwire::ling::Ling;
 use armwire_bridge::config::{ArmKind, Poll};
 use armwire_bridge::control::{self, Event, Subscription};
-use armwire_host::{Adapter, LineErrors, adapter};
+use armwire_host::{Adapter, LineErrors, RECOVERY, adapter};
 
 use super::polled::{Readable, news};
 use super::reading::{News, OnFrame, Source};
 use super::recorder::Recorder;
-use crate::adapter::RECOVERY;
 use crate::error::Error;
 
 /// Maximum wait for an event. Keys are read between waits.

@@ -350,8 +350,8 @@ fn missing_control_port_is_reported() {
     assert!(text.contains("'localhost' has no port"), "{text}");
 }
 /// The state of an adapter in recovery.
-const RECOVERY: &str = "factory settings after crashed starts: CAN is off, and the saved settings are unused and \
-                        unchanged until 'armwire config' saves others";
+const RECOVERY: &str = "factory settings after crashed starts, without CAN: the saved settings are unused and unchanged \
+                        until others are saved";
 
 /// An adapter in recovery.
 fn recovering(name: &str, crashed_in_load: bool) -> Board {

@@ -132,7 +132,7 @@ class Adapter(Open):
     def is_in_recovery(self) -> bool:
         """Return True if the adapter has factory settings after crashed starts.
 
-        CAN is off then, and the saved settings are unused and unchanged until a save.
+        They are without CAN, and the saved settings are unused and unchanged until a save.
         """
         return self._port.is_in_recovery()
 
