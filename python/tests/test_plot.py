@@ -62,13 +62,26 @@ def test_recording_of_the_command_is_read_and_drawn(virtual: sim.VirtualLing, tm
     assert draw(str(path), "--save", str(figure)).returncode == 0
     assert figure.stat().st_size > 1000
     for option, text in (
-        (["--topic", "/leader/joint_states"], "no poses on /leader/joint_states"),
+        (["--topic", "/leader/joint_states"], "no poses on /leader/joint_states; there are: /frames, /joint_states"),
         (["--latencies"], "a recording has no latencies"),
     ):
         drawn = draw(str(path), "--save", str(figure), *option)
         assert drawn.returncode == 1
         assert text in drawn.stderr
         assert "Traceback" not in drawn.stderr
+
+
+def test_recording_that_ends_early_is_read_as_far_as_it_goes(virtual: sim.VirtualLing, tmp_path: Path) -> None:
+    path, cut = tmp_path / "motion.mcap", tmp_path / "cut.mcap"
+    run("record", virtual.port, str(path), "--count", "50")
+    whole, written = plot.read_mcap(path), path.read_bytes()
+    # Its index is missing, as if `record` had been killed.
+    for missing in (1, 20, 40, 100):
+        cut.write_bytes(written[:-missing])
+        assert plot.read_mcap(cut).time_s.tolist() == whole.time_s.tolist()
+    cut.write_bytes(written[: len(written) // 8])
+    with pytest.raises(ValueError, match="no poses"):
+        plot.read_mcap(cut)
 
 
 def test_file_that_cannot_be_drawn_is_one_line(tmp_path: Path) -> None:

@@ -156,6 +156,8 @@ class Motion(NamedTuple):
 def read_mcap(path: str | Path, *, topic: str = "/joint_states") -> Motion:
     """Read the poses of a Ling arm in an MCAP file of `armwire record`, `monitor --mcap` or `teleop --mcap`.
 
+    A file that ends early, of a program that was killed, is read as far as it goes.
+
     Args:
         path: The file.
         topic: The arm; `/leader/joint_states` or `/follower/joint_states` of `teleop`.
@@ -163,14 +165,22 @@ def read_mcap(path: str | Path, *, topic: str = "/joint_states") -> Motion:
     Raises:
         ValueError: The file is no MCAP file, is damaged, or has no such poses; the message names it.
     """
-    from mcap_ros2.reader import read_ros2_messages
+    from mcap.reader import NonSeekingReader
+    from mcap_ros2.decoder import DecoderFactory
 
+    states, topics = [], set[str]()
+    decoders = DecoderFactory()
     with open(path, "rb") as file:
         try:
-            states = [message.ros_msg for message in read_ros2_messages(file, topics=topic)]
+            for schema, channel, message in NonSeekingReader(file).iter_messages(log_time_order=False):
+                topics.add(channel.topic)
+                if channel.topic == topic and (decode := decoders.decoder_for(channel.message_encoding, schema)):
+                    states.append(decode(message.data))
         # Errors of a damaged file are of many kinds, such as `struct.error` and `KeyError`.
         except Exception as error:
-            raise ValueError(f"{path}: damaged, or incomplete: {error!r}") from error
+            # At the end of the file, the program that wrote it was killed, or still writes.
+            if file.read(1):
+                raise ValueError(f"{path}: damaged: {error!r}") from error
     rows: list[list[float]] = []
     for state in states:
         if len(state.name) != len(state.position) or not set(NAMES) <= set(state.name):
@@ -179,7 +189,8 @@ def read_mcap(path: str | Path, *, topic: str = "/joint_states") -> Motion:
         time_s = state.header.stamp.sec + state.header.stamp.nanosec / 1e9
         rows.append([time_s, *(position[name] for name in NAMES), position.get("gripper", float("nan"))])
     if not rows:
-        raise ValueError(f"{path}: no poses on {topic}")
+        others = f"; there are: {', '.join(sorted(topics))}" if topics else ""
+        raise ValueError(f"{path}: no poses on {topic}{others}")
     values = np.array(rows, dtype=np.float64)
     return Motion(values[:, 0] - values[0, 0], np.degrees(values[:, 1:-1]), values[:, -1] * 1000)
 
