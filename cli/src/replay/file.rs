@@ -95,18 +95,28 @@ pub(super) fn read(path: &Path, topic: Option<&str>, are_readings: bool) -> Resu
     let name = path.display().to_string();
     let failed = |error| Error::at(&name, error);
     let refused = |reason: String| Error::at(&name, reason);
-    if File::open(path).map_err(failed)?.is_terminal() {
+    let file = File::open(path).map_err(failed)?;
+    if file.is_terminal() {
         return Err(refused(
             "this is a port, not a recording: 'armwire replay FILE PORT'".to_owned(),
         ));
     }
-    if path.is_dir() || is_parquet(path).map_err(failed)? {
-        let reason = "this is no MCAP file: the repository has tools/lerobot_to_mcap.py for a LeRobot data set";
-        return Err(Error::at(&name, reason));
+    let is_folder = file.metadata().map_err(failed)?.is_dir();
+    let mut file = BufReader::new(file);
+    let mut magic = Vec::new();
+    if !is_folder {
+        file.by_ref()
+            .take(mcap::MAGIC.len() as u64)
+            .read_to_end(&mut magic)
+            .map_err(failed)?;
     }
-    let mut file = BufReader::new(File::open(path).map_err(failed)?);
-    let mut magic = [0; mcap::MAGIC.len()];
-    file.read_exact(&mut magic).map_err(failed)?;
+    if is_folder || magic.starts_with(PARQUET) {
+        let reason = "this is no MCAP file: the repository has tools/lerobot_to_mcap.py for a LeRobot data set";
+        return Err(refused(reason.to_owned()));
+    }
+    if magic != mcap::MAGIC {
+        return Err(refused("this is no MCAP file".to_owned()));
+    }
     let mut file = magic.chain(file);
     let mut tracks = Tracks {
         name: &name,
@@ -119,12 +129,6 @@ pub(super) fn read(path: &Path, topic: Option<&str>, are_readings: bool) -> Resu
     let tracks = tracks.channels.into_values().collect();
     let track = chosen(tracks, topic).map_err(refused)?;
     track.into_recorded(are_readings).map_err(refused)
-}
-
-fn is_parquet(path: &Path) -> std::io::Result<bool> {
-    let mut head = Vec::new();
-    File::open(path)?.take(PARQUET.len() as u64).read_to_end(&mut head)?;
-    Ok(head == PARQUET)
 }
 
 /// The track on `topic`. Without it: the arm that was recorded, or the follower of two.

@@ -69,6 +69,9 @@ fn factor(text: &str) -> Result<f64, String> {
 
 impl Replay {
     pub(crate) fn run(&self) -> Result<(), Error> {
+        if self.to.is_some_and(|to| to <= self.from) {
+            return Err(Error::Usage("--to must be after --from".to_owned()));
+        }
         let recorded = file::read(&self.file, self.topic.as_deref(), self.readings)?;
         // An unsuitable recording is refused before the arm is asked for anything.
         self.motion(&recorded, None)?;

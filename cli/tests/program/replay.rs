@@ -231,6 +231,23 @@ fn unsuitable_recordings_are_refused_without_the_arm() {
 }
 
 #[test]
+fn file_that_is_cut_within_its_magic_is_no_recording() {
+    let path = free_path("cut.mcap");
+    for len in [0, 5] {
+        fs::write(&path, &mcap::MAGIC[..len]).unwrap();
+        let line = failure(&run(&["replay", path.to_str().unwrap(), "/dev/absent"]));
+        assert_eq!(line, format!("{}: this is no MCAP file", path.display()));
+    }
+    fs::remove_file(path).unwrap();
+}
+
+#[test]
+fn part_to_replay_has_its_end_after_its_start() {
+    let output = run(&["replay", "motion.mcap", "/dev/absent", "--from", "2", "--to", "2"]);
+    assert!(String::from_utf8_lossy(&output.stderr).contains("--to must be after --from"));
+}
+
+#[test]
 fn lerobot_data_set_is_named() {
     let path = free_path("episode.parquet");
     fs::write(&path, b"PAR1\0\0\0\0").unwrap();
