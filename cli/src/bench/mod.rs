@@ -93,9 +93,9 @@ impl Bench {
         if self.hold && self.place.arm != LiveArm::Ling {
             return Err(Error::Usage("--hold applies to a ling arm only".to_owned()));
         }
-        // A file that exists is refused before the measurement, too.
-        if let Some(path) = self.svg.as_deref().filter(|path| path.exists()) {
-            new_file::create(path)?;
+        // A file that cannot be created is refused before the measurement.
+        if let Some(path) = &self.svg {
+            new_file::check(path)?;
         }
         signals::catch_first()?;
         let (system, runs) = match self.place.arm {

@@ -95,6 +95,15 @@ fn port_without_an_answer_is_an_error() {
     assert!(output.contains("none of the calls was answered"), "{output}");
 }
 
+#[test]
+fn drawing_that_cannot_be_written_is_refused_before_the_arm_is_asked() {
+    let output = run_again(&["bench", "/dev/absent", "--svg", "/absent/calls.svg"]);
+    assert_eq!(
+        output,
+        "armwire: /absent/calls.svg: its folder: No such file or directory (os error 2)\n"
+    );
+}
+
 /// The errors of the program with these arguments.
 fn run_again(args: &[&str]) -> String {
     String::from_utf8(run(args).stderr).unwrap()
