@@ -124,7 +124,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn name_with_a_space_is_shown_in_quotes() {
-        assert!(shown(&DfuUtil::new(Path::new("my image.dfu")).write).ends_with(" -D \"my image.dfu\""));
+    #[cfg(unix)]
+    fn name_is_shown_as_a_shell_takes_it() {
+        for (name, word) in [
+            ("new.dfu", "new.dfu"),
+            ("my image.dfu", "'my image.dfu'"),
+            ("$(it's).dfu", r"'$(it'\''s).dfu'"),
+        ] {
+            let command = shown(&DfuUtil::new(Path::new(name)).write);
+            assert!(command.ends_with(&format!(" -D {word}")), "{command}");
+        }
     }
 }

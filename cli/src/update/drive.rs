@@ -146,7 +146,7 @@ impl BootLoader for Drive {
         let written = copied.and_then(|file| match file.sync_all() {
             // The chip starts the new firmware after the last page, perhaps before the system has written the rest.
             Err(error) if !is_boot_loader(folder) => {
-                print_error(&format_args!("{place}: the drive went away: {error}"));
+                line.beside(|| print_error(&format_args!("{place}: the drive went away: {error}")));
                 Ok(())
             }
             synced => synced,

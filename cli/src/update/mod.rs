@@ -160,10 +160,12 @@ fn progress(line: impl Display) {
     let _ = print_line(line);
 }
 
-/// An argument as one would type it.
+/// An argument as one would type it in a shell.
 fn as_word(argument: &str) -> String {
-    match argument.contains(char::is_whitespace) {
-        true => format!("\"{argument}\""),
-        false => argument.to_owned(),
+    let is_plain = |c: char| c.is_alphanumeric() || "-_./\\:=@%+,".contains(c);
+    match (argument.chars().all(is_plain), cfg!(windows)) {
+        (true, _) => argument.to_owned(),
+        (false, true) => format!("\"{argument}\""),
+        (false, false) => format!("'{}'", argument.replace('\'', r"'\''")),
     }
 }
