@@ -6,7 +6,7 @@ const STDIN = 0;
 const STDOUT = 1;
 const LENGTH = 4;
 
-// The numbers of commands from the virtual board. Each batch ends with RUN.
+// The numbers of commands from the virtual board. START is the first of all; RUN, READ and WRITE have an answer.
 export const Command = {
   RUN: 0,
   START: 1,
@@ -28,7 +28,7 @@ export const Command = {
   WRITE: 17,
 };
 
-// The numbers of events for it. Each batch ends with STOPPED.
+// The numbers of events for it. STOPPED or FAILED ends a run, VALUE answers READ and WRITE.
 export const Event = {
   STOPPED: 0,
   BYTE: 1,

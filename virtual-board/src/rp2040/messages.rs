@@ -2,6 +2,45 @@
 
 use crate::time::Nanos;
 
+/// The numbers of commands, as in `rp2040/messages.mjs`.
+mod command {
+    pub(super) const RUN: u8 = 0;
+    pub(super) const START: u8 = 1;
+    pub(super) const RESET: u8 = 2;
+    pub(super) const HOLD: u8 = 3;
+    pub(super) const FLASH: u8 = 4;
+    pub(super) const FLASH_DONE: u8 = 5;
+    pub(super) const RECEIVED: u8 = 6;
+    pub(super) const TAKEN: u8 = 7;
+    pub(super) const SENT: u8 = 8;
+    pub(super) const BUS_RESET: u8 = 9;
+    pub(super) const SETUP: u8 = 10;
+    pub(super) const OUT: u8 = 11;
+    pub(super) const IN_DONE: u8 = 12;
+    pub(super) const SUSPEND: u8 = 13;
+    pub(super) const RESUME: u8 = 14;
+    pub(super) const ABORTED: u8 = 15;
+    pub(super) const READ: u8 = 16;
+    pub(super) const WRITE: u8 = 17;
+}
+
+/// The numbers of events, as there.
+mod event {
+    pub(super) const STOPPED: u8 = 0;
+    pub(super) const BYTE: u8 = 1;
+    pub(super) const UART: u8 = 2;
+    pub(super) const USB: u8 = 3;
+    pub(super) const BUFFER: u8 = 4;
+    pub(super) const ENDPOINT: u8 = 5;
+    pub(super) const ERASE: u8 = 6;
+    pub(super) const PROGRAM: u8 = 7;
+    pub(super) const RESET: u8 = 8;
+    pub(super) const BOOT_LOADER: u8 = 9;
+    pub(super) const CRASH: u8 = 10;
+    pub(super) const VALUE: u8 = 11;
+    pub(super) const FAILED: u8 = 12;
+}
+
 /// Errors of a received byte, in the order of their bits in the UART's registers (4.2.8).
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct ByteErrors {
@@ -26,7 +65,7 @@ impl Commands {
         crashes: impl ExactSizeIterator<Item = u32>,
         flash: &[u8],
     ) {
-        self.byte(1);
+        self.byte(command::START);
         self.0.extend(cycle.to_le_bytes());
         self.bytes(unique_id);
         self.word(crashes.len() as u32);
@@ -36,32 +75,32 @@ impl Commands {
 
     /// Runs the chip until this time, or until an event that the board must handle.
     pub(super) fn run(&mut self, until: Nanos) {
-        self.byte(0);
+        self.byte(command::RUN);
         self.0.extend((until.0 as f64).to_le_bytes());
     }
 
     /// Starts the chip again, with this value in the watchdog's REASON (4.7.6).
     pub(super) fn reset(&mut self, reason: u8) {
-        self.byte(2);
+        self.byte(command::RESET);
         self.byte(reason);
     }
 
     /// Holds or releases the core.
     pub(super) fn hold(&mut self, held: bool) {
-        self.byte(3);
+        self.byte(command::HOLD);
         self.byte(held.into());
     }
 
     /// Changes the content of the flash.
     pub(super) fn flash(&mut self, offset: usize, bytes: &[u8]) {
-        self.byte(4);
+        self.byte(command::FLASH);
         self.word(offset as u32);
         self.bytes(bytes);
     }
 
     /// The operation of the flash has ended, and the core continues.
     pub(super) fn flash_done(&mut self) {
-        self.byte(5);
+        self.byte(command::FLASH_DONE);
     }
 
     /// The UART received a byte.
@@ -73,70 +112,70 @@ impl Commands {
             overrun,
         } = errors;
         let bits = [framing, parity, line_break, overrun];
-        self.byte(6);
+        self.byte(command::RECEIVED);
         self.byte(byte);
         self.byte((0..).zip(bits).fold(0, |all, (at, bit)| all | u8::from(bit) << at));
     }
 
     /// The UART's shift register took a byte from the transmit FIFO.
     pub(super) fn taken(&mut self) {
-        self.byte(7);
+        self.byte(command::TAKEN);
     }
 
     /// The UART sent the last byte.
     pub(super) fn sent(&mut self) {
-        self.byte(8);
+        self.byte(command::SENT);
     }
 
     /// The USB bus is in reset.
     pub(super) fn bus_reset(&mut self) {
-        self.byte(9);
+        self.byte(command::BUS_RESET);
     }
 
     /// A SETUP packet.
     pub(super) fn setup(&mut self, request: [u8; 8]) {
-        self.byte(10);
+        self.byte(command::SETUP);
         self.bytes(&request);
     }
 
     /// A packet for an OUT endpoint.
     pub(super) fn output(&mut self, endpoint: u8, packet: &[u8]) {
-        self.byte(11);
+        self.byte(command::OUT);
         self.byte(endpoint);
         self.bytes(packet);
     }
 
     /// The host fetched the packet of an IN endpoint.
     pub(super) fn fetched(&mut self, endpoint: u8) {
-        self.byte(12);
+        self.byte(command::IN_DONE);
         self.byte(endpoint);
     }
 
     /// The bus is suspended.
     pub(super) fn suspend(&mut self) {
-        self.byte(13);
+        self.byte(command::SUSPEND);
     }
 
     /// The host woke the bus.
     pub(super) fn resume(&mut self) {
-        self.byte(14);
+        self.byte(command::RESUME);
     }
 
     /// The endpoints with these bits of EP_ABORT have no transaction in progress (4.1.2.9).
     pub(super) fn aborted(&mut self, endpoints: u32) {
-        self.byte(15);
+        self.byte(command::ABORTED);
         self.word(endpoints);
     }
 
     /// Reads a word of memory or of a register.
     pub(super) fn read(&mut self, address: u32) {
-        self.byte(16);
+        self.byte(command::READ);
         self.word(address);
     }
 
     /// Writes a word of memory or of a register.
     pub(super) fn write(&mut self, address: u32, value: u32) {
-        self.byte(17);
+        self.byte(command::WRITE);
         self.word(address);
         self.word(value);
     }
@@ -234,20 +273,20 @@ struct Reader<'a>(&'a [u8]);
 impl<'a> Reader<'a> {
     fn event(&mut self) -> Option<Event> {
         Some(match self.byte()? {
-            0 => Event::Stopped {
+            event::STOPPED => Event::Stopped {
                 at: Nanos(self.number()?),
                 instructions: self.number()?,
                 busy: Nanos(self.number()?),
             },
-            1 => Event::Byte(self.byte()?),
-            2 => Event::Uart {
+            event::BYTE => Event::Byte(self.byte()?),
+            event::UART => Event::Uart {
                 divisor: self.word()?,
                 clock: self.word()?,
                 format: self.word()?,
                 control: self.word()?,
                 one_wire: self.byte()? != 0,
             },
-            3 => {
+            event::USB => {
                 let register = match self.byte()? {
                     0 => UsbRegister::Address,
                     1 => UsbRegister::SieControl,
@@ -257,32 +296,32 @@ impl<'a> Reader<'a> {
                 };
                 Event::Usb(register, self.word()?)
             }
-            4 => Event::Buffer {
+            event::BUFFER => Event::Buffer {
                 index: self.byte()?,
                 control: self.word()?,
                 packet: self.bytes()?.to_vec(),
             },
-            5 => Event::Endpoint {
+            event::ENDPOINT => Event::Endpoint {
                 index: self.byte()?,
                 control: self.word()?,
             },
-            6 => Event::Erase {
+            event::ERASE => Event::Erase {
                 from: self.word()? as usize,
                 length: self.word()? as usize,
             },
-            7 => Event::Program {
+            event::PROGRAM => Event::Program {
                 to: self.word()? as usize,
                 bytes: self.bytes()?.to_vec(),
             },
-            8 => Event::Reset { reason: self.byte()? },
-            9 => Event::BootLoader,
-            10 => Event::Crash { address: self.word()? },
-            11 => {
+            event::RESET => Event::Reset { reason: self.byte()? },
+            event::BOOT_LOADER => Event::BootLoader,
+            event::CRASH => Event::Crash { address: self.word()? },
+            event::VALUE => {
                 let is_there = self.byte()? != 0;
                 let value = self.word()?;
                 Event::Value(is_there.then_some(value))
             }
-            12 => Event::Failed(String::from_utf8_lossy(self.bytes()?).into_owned()),
+            event::FAILED => Event::Failed(String::from_utf8_lossy(self.bytes()?).into_owned()),
             _ => return None,
         })
     }

@@ -1,4 +1,4 @@
-//! The RP2040, run by an emulator of another make, rp2040js, in a process of its own.
+//! The RP2040, run by an emulator of another project, rp2040js, in a process of its own.
 //!
 //! | Here | In the process |
 //! |---|---|
