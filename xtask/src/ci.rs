@@ -156,12 +156,10 @@ fn drawings() -> Result<()> {
     process::run(Command::new("python3").args(["-c", parse]).args(drawings))
 }
 
-/// The tests of this image on the virtual board.
+/// The tests of this image on the virtual board, with their measurements.
 fn image_tests(image: &Image) -> Command {
-    let mut test =
-        cargo("test --package armwire-host-tests --features image --lib --bins --test image --test image_endurance");
-    // Prints their measurements.
-    test.args(["--", "--show-output"]).env("ARMWIRE_IMAGE", &image.path);
+    let mut test = image.tests();
+    test.args(["--lib", "--bins", "--test", "image_endurance", "--", "--show-output"]);
     test
 }
 

@@ -4,12 +4,13 @@ use std::env;
 use std::fmt;
 use std::fs;
 use std::path::PathBuf;
+use std::process::Command;
 
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 
 use crate::board::{Board, Update};
-use crate::cargo::target_dir;
+use crate::cargo::{cargo, target_dir};
 use crate::dfu;
 use crate::process::run;
 use crate::program::Program;
@@ -71,6 +72,13 @@ pub(crate) struct Image {
 }
 
 impl Image {
+    /// The image tests, with this image.
+    pub(crate) fn tests(&self) -> Command {
+        let mut test = cargo("test --package armwire-host-tests --features image --test image");
+        test.env("ARMWIRE_IMAGE", &self.path);
+        test
+    }
+
     /// Checks that the image leaves enough flash.
     fn check_flash(&self) -> Result<()> {
         ensure!(

@@ -3,8 +3,7 @@
 use anyhow::Result;
 
 use crate::board::Board;
-use crate::cargo::cargo;
-use crate::image::{self, Image};
+use crate::image;
 use crate::process::run;
 
 /// Builds the image of each board that is not the first of its chip, and runs the tests of what differs between them.
@@ -15,10 +14,5 @@ use crate::process::run;
 pub(crate) fn test() -> Result<()> {
     Board::all()
         .filter(|board| !Board::CHIPS.contains(board))
-        .try_for_each(|board| run_tests(&image::release(board)?))
-}
-
-fn run_tests(image: &Image) -> Result<()> {
-    let mut test = cargo("test --package armwire-host-tests --features image --test image boards::");
-    run(test.env("ARMWIRE_IMAGE", &image.path))
+        .try_for_each(|board| run(image::release(board)?.tests().arg("boards::")))
 }

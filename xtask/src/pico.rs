@@ -6,17 +6,13 @@ use anyhow::{Result, ensure};
 use clap::Args;
 
 use crate::board::Board;
-use crate::cargo::cargo;
 use crate::examples::install_emulator;
-use crate::image;
+use crate::image::{self, Image};
 use crate::process::{output, run};
 use crate::workspace::root;
 
 /// The tests of the emulator's differences from the chip.
 const EMULATOR_TESTS: &str = "virtual-board/rp2040/rp2040js.test.mjs";
-
-/// The command for the image tests, which the other chips have, too.
-const IMAGE_TESTS: &str = "test --quiet --package armwire-host-tests --features image --test image";
 
 /// Reasons why a test does not run.
 const NO_CAN: &str = "it needs CAN";
@@ -83,19 +79,20 @@ pub(crate) fn test(options: &Options) -> Result<()> {
     run(Command::new("node")
         .args(["--test", EMULATOR_TESTS])
         .current_dir(root()))?;
-    check_not_run()?;
-    let mut tests = cargo(IMAGE_TESTS);
-    tests.arg("--").args(NOT_RUN.iter().flat_map(|(name, reason)| {
-        println!("not run: {name} ({reason})");
-        ["--skip", name]
-    }));
-    tests.env("ARMWIRE_IMAGE", &image.path);
+    check_not_run(&image)?;
+    let mut tests = image.tests();
+    tests
+        .args(["--quiet", "--"])
+        .args(NOT_RUN.iter().flat_map(|(name, reason)| {
+            println!("not run: {name} ({reason})");
+            ["--skip", name]
+        }));
     run(tests.env("ARMWIRE_POLL_SECONDS", options.seconds.to_string()))
 }
 
 /// Checks that each part of a name is that of a test.
-fn check_not_run() -> Result<()> {
-    let tests = output(cargo(IMAGE_TESTS).args(["--", "--list"]))?;
+fn check_not_run(image: &Image) -> Result<()> {
+    let tests = output(image.tests().args(["--quiet", "--", "--list"]))?;
     for (name, _) in NOT_RUN {
         ensure!(tests.contains(name), "no image test is named {name}");
     }
