@@ -28,6 +28,8 @@ pub struct Facts {
     pub duplex: fn(baud: u32) -> f64,
     /// Share of the line's limit that the fastest polls reach, at least. The goal is 0.95. A new compiler may cost the rest.
     pub fastest_poll: f64,
+    /// Maximum time in nanoseconds from the end of an exchange to the poll that it delayed.
+    pub delayed_poll: u64,
     /// Bytes of a burst that still go out after it was cut.
     pub fifo: u64,
     /// Flash operations of a save, at least: into a page with room, and with an erase.
@@ -94,6 +96,7 @@ pub const fn facts(chip: Chip) -> Facts {
             erase: [Nanos::from_millis(250), Nanos::from_millis(500)],
             duplex: |_| 1.03,
             fastest_poll: 0.92,
+            delayed_poll: 60_000,
             fifo: 0,
             save_operations: [4, 5],
             has_variants: true,
@@ -121,6 +124,7 @@ pub const fn facts(chip: Chip) -> Facts {
             erase: [Nanos(22_020_000), Nanos(24_470_000)],
             duplex: |_| 1.03,
             fastest_poll: 0.92,
+            delayed_poll: 60_000,
             fifo: 0,
             save_operations: [4, 5],
             has_variants: true,
@@ -152,6 +156,7 @@ pub const fn facts(chip: Chip) -> Facts {
                 _ => 1.03,
             },
             fastest_poll: 0.85,
+            delayed_poll: 100_000,
             fifo: 32,
             save_operations: [2, 3],
             has_variants: false,

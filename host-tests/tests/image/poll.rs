@@ -151,7 +151,7 @@ fn polls_start_at_their_slots_under_load() {
                 continue;
             }
             // A delayed poll starts right after the exchange that it waited for.
-            if !is_poll(before) && exchange.start.0 - before.end.0 < 100_000 {
+            if !is_poll(before) && exchange.start.0 - before.end.0 < facts(chip()).delayed_poll {
                 delayed += 1;
                 continue;
             }
