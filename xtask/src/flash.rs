@@ -93,11 +93,11 @@ fn check_drive(drive: &Path, board: Board) -> Result<()> {
         "--drive: the boot loader of {} has no drive",
         board.name()
     );
-    let (info, name) = (drive.join("INFO_UF2.TXT"), "RPI-RP2");
-    let text = fs::read_to_string(&info).unwrap_or_default();
+    let text = fs::read_to_string(drive.join("INFO_UF2.TXT")).unwrap_or_default();
+    let mut boards = text.lines().filter_map(|line| line.strip_prefix("Board-ID:"));
     ensure!(
-        text.contains(name),
-        "{}: not the drive {name}: hold BOOTSEL down while you plug the board in",
+        boards.any(|board| board.trim() == "RPI-RP2"),
+        "{}: not the drive RPI-RP2: hold BOOTSEL down while you plug the board in",
         drive.display()
     );
     Ok(())
