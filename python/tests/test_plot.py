@@ -107,6 +107,11 @@ def test_other_csv_is_an_error(tmp_path: Path) -> None:
     assert np.isfinite(plot.read_csv(other).joints_deg[:, 0]).tolist() == [True, False]
 
 
+def test_figure_has_one_unit_for_the_gripper() -> None:
+    with pytest.raises(ValueError, match="draw one of them"):
+        plot.joints([0], np.zeros((1, 6)), [500], gripper_mm=[25])
+
+
 def test_figure_has_each_joints_values() -> None:
     angles = np.arange(60).reshape(10, 6)
     figure = plot.joints(np.arange(10), angles, np.full(10, 500))

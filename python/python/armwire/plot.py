@@ -53,6 +53,8 @@ def joints(
     if angles.shape != (times.size, JOINTS):
         raise ValueError(f"joints have shape {angles.shape}, must have ({times.size}, {JOINTS}) for {times.size} times")
     figure = Figure(figsize=(9, 5), layout="constrained")
+    if gripper_permille is not None and gripper_mm is not None:
+        raise ValueError("both gripper_permille and gripper_mm are given: draw one of them")
     gripper, unit = (gripper_mm, "mm") if gripper_permille is None else (gripper_permille, "‰")
     if gripper is None:
         upper = figure.subplots()
