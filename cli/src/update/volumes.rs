@@ -2,8 +2,10 @@
 
 #[cfg(target_os = "linux")]
 mod system {
+    use std::ffi::OsString;
     use std::fs;
     use std::io::ErrorKind;
+    use std::os::unix::ffi::OsStringExt;
     use std::path::{Path, PathBuf};
     use std::process::Command;
     use std::time::Duration;
@@ -36,8 +38,8 @@ mod system {
         /// The folders of all mounted FAT drives.
         pub(in crate::update) fn folders(&self) -> Vec<PathBuf> {
             // Without the table no drive is mounted.
-            let mounts = fs::read_to_string(&self.mounts).unwrap_or_default();
-            mounts.lines().filter_map(fat_folder).collect()
+            let mounts = fs::read(&self.mounts).unwrap_or_default();
+            mounts.split(|byte| *byte == b'\n').filter_map(fat_folder).collect()
         }
 
         /// The device of the drive with this label, mounted or not.
@@ -59,14 +61,29 @@ mod system {
     }
 
     /// The folder of a FAT drive in a line of the table: device, folder, file system and more.
-    fn fat_folder(line: &str) -> Option<PathBuf> {
-        let mut words = line.split(' ');
+    fn fat_folder(line: &[u8]) -> Option<PathBuf> {
+        let mut words = line.split(|byte| *byte == b' ');
         let (_, folder, kind) = (words.next()?, words.next()?, words.next()?);
-        let escapes = [("\\040", " "), ("\\011", "\t"), ("\\012", "\n"), ("\\134", "\\")];
-        let folder = escapes.iter().fold(folder.to_owned(), |folder, (escape, character)| {
-            folder.replace(escape, character)
-        });
-        (kind == "vfat").then(|| folder.into())
+        (kind == b"vfat").then(|| OsString::from_vec(unescaped(folder)).into())
+    }
+
+    /// A word of the table, in which some characters are three octal digits behind a backslash.
+    fn unescaped(mut word: &[u8]) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        while let Some((&first, rest)) = word.split_first() {
+            let code = rest.get(..3).and_then(|digits| str::from_utf8(digits).ok());
+            match code.and_then(|digits| u8::from_str_radix(digits, 8).ok()) {
+                Some(code) if first == b'\\' => {
+                    bytes.push(code);
+                    word = &rest[3..];
+                }
+                _ => {
+                    bytes.push(first);
+                    word = rest;
+                }
+            }
+        }
+        bytes
     }
 
     /// The drives of a system in a folder of a test.
@@ -87,13 +104,14 @@ mod system {
 
         #[test]
         fn folder_of_a_fat_drive_is_unescaped() {
-            let line = "/dev/sdb1 /media/me/a\\040b\\134c vfat rw,nosuid 0 0";
-            assert_eq!(fat_folder(line), Some("/media/me/a b\\c".into()));
+            let line = b"/dev/sdb1 /media/me/a\\040b\\134c\xFF vfat rw,nosuid 0 0";
+            let folder = OsString::from_vec(b"/media/me/a b\\c\xFF".to_vec());
+            assert_eq!(fat_folder(line), Some(folder.into()));
             for line in [
-                "/dev/sda1 / ext4 rw 0 0",
-                "server:/ /mnt nfs4 rw 0 0",
-                "",
-                "/dev/sdb1 /mnt",
+                &b"/dev/sda1 / ext4 rw 0 0"[..],
+                b"server:/ /mnt nfs4 rw 0 0",
+                b"",
+                b"/dev/sdb1 /mnt",
             ] {
                 assert_eq!(fat_folder(line), None);
             }
