@@ -9,7 +9,7 @@
 //! clock. Inside a frame, whose end is known, and above 1 Mbaud it looks for bytes, too: the byte interrupt is off.
 
 use core::marker::PhantomData;
-use core::sync::atomic::{AtomicU32, AtomicUsize, Ordering};
+use core::sync::atomic::{AtomicBool, AtomicU32, AtomicUsize, Ordering};
 
 use armwire_bridge::{Duration, Instant, LineCoding, RxRing};
 
@@ -37,9 +37,9 @@ const _: () = assert!(align_of::<Stamps>() == 4 * SIZE);
 static STAMPS: Stamps = Stamps([const { AtomicU32::new(0) }; SIZE]);
 /// The position after the last byte that a handler has looked at.
 static SEEN: AtomicUsize = AtomicUsize::new(0);
-/// The position after the last byte before the line was found idle. Without further bytes it is not found idle again:
-/// the bridge may wait for an idle line as long as a host reads nothing.
-static IDLE_AFTER: AtomicUsize = AtomicUsize::new(0);
+/// The line was found idle after the last byte. Without further bytes it is not found idle again: the bridge may wait for
+/// an idle line as long as a host reads nothing.
+static IS_IDLE: AtomicBool = AtomicBool::new(true);
 
 /// Number of byte times without a byte after which the line is idle.
 const IDLE_BYTES: u32 = 2;
@@ -47,8 +47,9 @@ const IDLE_BYTES: u32 = 2;
 /// Tolerance of the clock and of the byte time, which are whole microseconds.
 const ROUNDING: Duration = Duration::from_micros(2);
 
-/// The shortest byte time with an interrupt for each byte. At 2 Mbaud they would take more than half of the time.
-const FASTEST: Duration = Duration::from_micros(8);
+/// The shortest time after which the line is idle, that of [`IDLE_BYTES`] at 1 Mbaud. Above, no interrupt comes for each
+/// byte, either: at 2 Mbaud these would take more than half of the time.
+const SHORTEST: Duration = Duration::from_micros(20);
 
 /// Unread bytes at which bytes count as lost. The handlers see each byte before the rest of the ring is full.
 const FULL: usize = SIZE - 64;
@@ -56,9 +57,8 @@ const FULL: usize = SIZE - 64;
 /// Starts the DMA at the first position of the ring.
 pub(super) fn start(_: &mut Dma, _: LineCoding) -> Transfer<'_> {
     SEEN.store(0, Ordering::Relaxed);
-    IDLE_AFTER.store(0, Ordering::Relaxed);
-    // An alarm for the former bytes may come: no byte precedes the first position.
-    STAMPS.0[SIZE - 1].store(now().as_micros() as u32, Ordering::Relaxed);
+    // An alarm for the former bytes may come.
+    IS_IDLE.store(true, Ordering::Relaxed);
     usart::start_receiving(
         BYTES.0.as_ptr() as u32,
         STAMPS.0.as_ptr() as u32,
@@ -97,10 +97,10 @@ fn arrival(end: usize) -> Instant {
 /// Looks for the events that the ring waits for among the unread bytes, and makes the handler look for later ones.
 /// Returns true if an event was known before.
 pub(super) fn listen(ring: &mut RxRing<SIZE>) -> bool {
-    // After an event the handlers looked at no further byte, but recorded that the line was idle after the last.
+    // After an event the handlers looked at no further byte, but recorded that the line was idle.
     let idle = ring.take_idle();
     let mut is_known = ring.has_mark();
-    let end = tail();
+    let end = idle.map_or_else(tail, |mark| mark.end);
     if !is_known && look(ring, ring.unread(end), end) {
         wake();
     }
@@ -114,7 +114,6 @@ pub(super) fn listen(ring: &mut RxRing<SIZE>) -> bool {
 
 /// Looks at `count` bytes before `end`, up to an event. Returns true if there is one.
 fn look(ring: &mut RxRing<SIZE>, count: usize, end: usize) -> bool {
-    SEEN.store(end, Ordering::Relaxed);
     let mut is_event = false;
     let mut left = count;
     while left > 0 {
@@ -135,6 +134,10 @@ fn look_at_new() -> usize {
         let end = tail();
         let unread = ring.unread(end);
         let new = end.wrapping_sub(SEEN.load(Ordering::Relaxed)) % SIZE;
+        if new > 0 {
+            SEEN.store(end, Ordering::Relaxed);
+            IS_IDLE.store(false, Ordering::Relaxed);
+        }
         let is_event = look(ring, unread.min(new), end);
         if unread > FULL {
             RING_OVERRUN.store(true, Ordering::Relaxed);
@@ -144,7 +147,7 @@ fn look_at_new() -> usize {
         }
         // Inside a frame the alarm for an idle line looks often enough.
         let is_inside = ring.quiet(end, byte_at) >= IDLE_BYTES as usize;
-        usart::set_byte_interrupt(!is_inside && usart::line_time(1) >= FASTEST);
+        usart::set_byte_interrupt(!is_inside && usart::line_time(IDLE_BYTES) >= SHORTEST);
         end
     })
 }
@@ -156,8 +159,10 @@ impl Handler<RxInterrupt> for RingHandler {
     unsafe fn on_interrupt() {
         usart::clear_received();
         let end = look_at_new();
-        if end != IDLE_AFTER.load(Ordering::Relaxed) {
-            set_idle_alarm(idle_from(end));
+        match IS_IDLE.load(Ordering::Relaxed) {
+            // The next byte starts the alarm.
+            true => usart::set_byte_interrupt(true),
+            false => set_idle_alarm(idle_from(end)),
         }
     }
 }
@@ -165,7 +170,8 @@ impl Handler<RxInterrupt> for RingHandler {
 /// The time from which the line is idle, if the byte before `end` is the last: a byte that began in the first byte time
 /// after it has arrived in the second. It is the lower half of the clock.
 fn idle_from(end: usize) -> u32 {
-    stamp(end).wrapping_add((usart::line_time(IDLE_BYTES) + ROUNDING).as_micros() as u32)
+    let wait = usart::line_time(IDLE_BYTES).max(SHORTEST) + ROUNDING;
+    stamp(end).wrapping_add(wait.as_micros() as u32)
 }
 
 /// Records an idle line.
@@ -176,12 +182,16 @@ impl Handler<IdleInterrupt> for IdleHandler {
         clear_idle_alarm();
         let end = look_at_new();
         let at = idle_from(end);
-        if !has_passed(at) {
+        if !IS_IDLE.load(Ordering::Relaxed) && !has_passed(at) {
             return set_idle_alarm(at);
         }
-        IDLE_AFTER.store(end, Ordering::Relaxed);
         // The next byte starts the alarm.
         usart::set_byte_interrupt(true);
+        // An alarm that passed while it was set has two interrupts.
+        if IS_IDLE.load(Ordering::Relaxed) {
+            return;
+        }
+        IS_IDLE.store(true, Ordering::Relaxed);
         let detected = arrival(end) + usart::line_time(1);
         if with_ring(|ring| ring.idle(end, detected)) {
             wake();
