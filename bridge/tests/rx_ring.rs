@@ -441,6 +441,27 @@ fn mark_of_bytes_already_read_hides_no_later_one() {
     assert_eq!(ring.take_mark(9).map(|mark| mark.end), Some(9));
 }
 
+/// A handler that has the time of each byte looks at two frames before an idle line, one after the other.
+#[test]
+fn frame_before_a_recorded_idle_line_has_its_own_mark() {
+    let mut ring = RxRing::<SIZE>::new();
+    ring.set(WAIT);
+    assert!(ring.arrived(7, TERMINATOR, || Instant::ZERO));
+    assert!(!ring.idle(14, Instant::from_micros(2)));
+    assert_eq!(ring.take_idle(), None, "the frame comes first");
+    assert!(ring.take_mark(14).is_some());
+    assert_eq!(ring.take(7, 64), [0..7, 0..0]);
+    ring.set(WAIT);
+    let idle = ring.take_idle().unwrap();
+    assert!(ring.arrived(14, TERMINATOR, || Instant::from_micros(1)));
+    assert!(!ring.idle(idle.end, idle.at), "no event of its own");
+    let marks: Vec<_> = std::iter::from_fn(|| ring.take_mark(14)).collect();
+    assert_eq!(
+        marks.iter().map(|mark| (mark.end, mark.idle)).collect::<Vec<_>>(),
+        [(14, false), (14, true)]
+    );
+}
+
 #[test]
 fn bytes_around_the_turn_are_two_ranges() {
     let mut ring = RxRing::<SIZE>::new();
