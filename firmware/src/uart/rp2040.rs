@@ -95,21 +95,18 @@ fn arrival(end: usize) -> Instant {
 }
 
 /// Looks for the events that the ring waits for among the unread bytes, and makes the handler look for later ones.
-/// Returns true if an event was known before.
+/// Returns true if there is one.
 pub(super) fn listen(ring: &mut RxRing<SIZE>) -> bool {
     // After an event the handlers looked at no further byte, but recorded that the line was idle.
     let idle = ring.take_idle();
-    let mut is_known = ring.has_mark();
     let end = idle.map_or_else(tail, |mark| mark.end);
-    if !is_known && look(ring, ring.unread(end), end) {
-        wake();
-    }
+    let mut is_event = ring.has_mark() || look(ring, ring.unread(end), end);
     if let Some(mark) = idle {
-        is_known |= ring.idle(mark.end, mark.at);
+        is_event |= ring.idle(mark.end, mark.at);
     }
     // The next byte starts the alarm, if there is none.
     usart::set_byte_interrupt(true);
-    is_known
+    is_event
 }
 
 /// Looks at `count` bytes before `end`, up to an event. Returns true if there is one.
