@@ -225,9 +225,22 @@ impl<const SIZE: usize> RxRing<SIZE> {
         }
     }
 
-    /// Takes the first mark if it is that of an idle line: to look at the bytes before it, and record it again.
-    pub fn take_idle(&mut self) -> Option<RxMark> {
-        self.marks.pop_front_if(|mark| mark.idle)
+    /// Looks for events among unread bytes that [`arrived`](Self::arrived) has not seen, because the ring did not wait for
+    /// them. `look` reports those before the position that it gets: the first idle line, or `end`. Returns true if there
+    /// is an event.
+    pub fn look_again(&mut self, end: usize, look: impl FnOnce(&mut Self, usize) -> bool) -> bool {
+        if self.marks.front().is_some_and(|mark| !mark.idle) {
+            return true;
+        }
+        let recorded = core::mem::take(&mut self.marks);
+        let mut is_event = look(self, recorded.front().map_or(end, |mark| mark.end));
+        for RxMark { end, at, idle } in recorded {
+            match idle {
+                true => is_event |= self.idle(end, at),
+                false => self.mark(end, at, false),
+            }
+        }
+        is_event
     }
 
     /// The number of unread bytes before `end`.

@@ -448,18 +448,33 @@ fn frame_before_a_recorded_idle_line_has_its_own_mark() {
     ring.set(WAIT);
     assert!(ring.arrived(7, TERMINATOR, || Instant::ZERO));
     assert!(!ring.idle(14, Instant::from_micros(2)));
-    assert_eq!(ring.take_idle(), None, "the frame comes first");
+    assert!(ring.look_again(14, |_, _| panic!("the frame comes first")));
     assert!(ring.take_mark(14).is_some());
     assert_eq!(ring.take(7, 64), [0..7, 0..0]);
     ring.set(WAIT);
-    let idle = ring.take_idle().unwrap();
-    assert!(ring.arrived(14, TERMINATOR, || Instant::from_micros(1)));
-    assert!(!ring.idle(idle.end, idle.at), "no event of its own");
+    assert!(ring.look_again(20, |ring, end| {
+        assert_eq!(end, 14, "the bytes behind the idle line are no part of the frame");
+        ring.arrived(end, TERMINATOR, || Instant::from_micros(1))
+    }));
     let marks: Vec<_> = std::iter::from_fn(|| ring.take_mark(14)).collect();
     assert_eq!(
         marks.iter().map(|mark| (mark.end, mark.idle)).collect::<Vec<_>>(),
         [(14, false), (14, true)]
     );
+}
+
+#[test]
+fn recorded_idle_lines_keep_their_order() {
+    let mut ring = RxRing::<SIZE>::new();
+    ring.set(WAIT);
+    assert!(ring.arrived(7, TERMINATOR, || Instant::ZERO));
+    assert!(!ring.idle(14, Instant::ZERO) && !ring.idle(21, Instant::ZERO));
+    assert!(ring.take_mark(21).is_some());
+    assert_eq!(ring.take(7, 64), [0..7, 0..0]);
+    ring.set(WAIT);
+    assert!(ring.look_again(21, |_, _| false));
+    let marks: Vec<_> = std::iter::from_fn(|| ring.take_mark(21)).map(|mark| mark.end).collect();
+    assert_eq!(marks, [14, 21]);
 }
 
 #[test]

@@ -142,7 +142,9 @@ impl Adapter {
             shared.bridge.uart_event(UartEvent::Configured(uart), now());
             shared.sender.changed();
             // A read ends at a frame: more may wait.
-            while shared.reader.read(&mut shared.bridge) {}
+            while shared.reader.read(&mut shared.bridge) {
+                uart::wait(shared.bridge.rx_wait());
+            }
         });
     }
 

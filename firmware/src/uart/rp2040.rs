@@ -57,14 +57,16 @@ const FULL: usize = SIZE - 64;
 /// Starts the DMA at the first position of the ring.
 pub(super) fn start(_: &mut Dma, _: LineCoding) -> Transfer<'_> {
     SEEN.store(0, Ordering::Relaxed);
-    // An alarm for the former bytes may come.
-    IS_IDLE.store(true, Ordering::Relaxed);
     usart::start_receiving(
         BYTES.0.as_ptr() as u32,
         STAMPS.0.as_ptr() as u32,
         SIZE.trailing_zeros() as u8,
     );
     usart::set_byte_interrupt(true);
+    // The bridge may wait for an idle line after the bytes before this start.
+    STAMPS.0[SIZE - 1].store(now().as_micros() as u32, Ordering::Relaxed);
+    IS_IDLE.store(false, Ordering::Relaxed);
+    set_idle_alarm(idle_from(0));
     Transfer(PhantomData)
 }
 
@@ -80,7 +82,7 @@ pub(super) fn configure(_: &mut Uart, coding: LineCoding) {
 
 /// The DMA's next write position in the ring.
 pub(super) fn tail() -> usize {
-    (usart::next_stamp() as usize - STAMPS.0.as_ptr() as usize) / size_of::<u32>() % SIZE
+    (usart::next_stamp() as usize).wrapping_sub(STAMPS.0.as_ptr() as usize) / size_of::<u32>() % SIZE
 }
 
 /// The stamp of the byte before a position.
@@ -97,16 +99,10 @@ fn arrival(end: usize) -> Instant {
 /// Looks for the events that the ring waits for among the unread bytes, and makes the handler look for later ones.
 /// Returns true if there is one.
 pub(super) fn listen(ring: &mut RxRing<SIZE>) -> bool {
-    // After an event the handlers looked at no further byte, but recorded that the line was idle.
-    let idle = ring.take_idle();
-    let end = idle.map_or_else(tail, |mark| mark.end);
-    let mut is_event = ring.has_mark() || look(ring, ring.unread(end), end);
-    if let Some(mark) = idle {
-        is_event |= ring.idle(mark.end, mark.at);
-    }
     // The next byte starts the alarm, if there is none.
     usart::set_byte_interrupt(true);
-    is_event
+    // After an event the handlers looked at no further byte.
+    ring.look_again(tail(), |ring, end| look(ring, ring.unread(end), end))
 }
 
 /// Looks at `count` bytes before `end`, up to an event. Returns true if there is one.
@@ -196,7 +192,7 @@ impl Handler<IdleInterrupt> for IdleHandler {
     }
 }
 
-/// Calls `f`, during which no handler runs. If the DMA overwrites unread bytes meanwhile, they count as lost.
+/// Calls `f`, during which handlers may have to wait. If the DMA overwrites unread bytes meanwhile, they count as lost.
 pub(crate) fn stall<R>(f: impl FnOnce() -> R) -> R {
     // The service must not read before a loss is known.
     let _masked = mask(SERVICE);
@@ -206,8 +202,12 @@ pub(crate) fn stall<R>(f: impl FnOnce() -> R) -> R {
     let last = stamp(start);
     let result = f();
     let arrived = tail().wrapping_sub(start) % SIZE;
-    if stamp(start) != last || unread + arrived > FULL {
+    let is_overrun = stamp(start) != last || unread + arrived > FULL;
+    if is_overrun {
         RING_OVERRUN.store(true, Ordering::Relaxed);
+    }
+    // The caller may stall again before a task has its turn.
+    if is_overrun || with_ring(|ring| ring.has_mark()) {
         wake();
     }
     result

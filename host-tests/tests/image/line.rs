@@ -305,6 +305,32 @@ fn bytes_before_rate_change_use_old_rate() {
     });
 }
 
+/// The byte may arrive while the adapter waits for the line to be quiet at the old rate.
+#[test]
+fn byte_right_before_rate_change_arrives_without_another() {
+    on_board(RawArm::default(), |board| {
+        plug_in(board, MEGABAUD);
+        let mut before_change = 0;
+        for nth in 0..24 {
+            change_rate(board, 9_600);
+            board.usb().set_line_coding(LineCoding::new(MEGABAUD)).unwrap();
+            board.run_for(Nanos(100_000 * nth)).unwrap();
+            board.uart().forget_bytes();
+            board.with_arm(|arm| arm.send(&[0x55]));
+            follow_rate(board, MEGABAUD);
+            let changed = board.now();
+            let received = read_all(board);
+            let arrived = board.uart().bytes().first().map(|byte| byte.at);
+            // One that is cut by the change, or that comes later, is arbitrary.
+            if arrived.is_some_and(|at| at + Nanos(100_000) < changed) {
+                same_bytes("the host", &received, &[0x55]);
+                before_change += 1;
+            }
+        }
+        assert!(before_change > 3, "{before_change}");
+    });
+}
+
 #[test]
 fn rate_change_during_arm_transmission_keeps_later_bytes() {
     on_board(RawArm::default(), |board| {
