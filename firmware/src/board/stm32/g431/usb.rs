@@ -104,7 +104,8 @@ fn status(endpoint: EndpointAddress) -> Stat {
     }
 }
 
-/// Sets the status of an endpoint that the controller does not change: one that is disabled, or at STALL or NAK.
+/// Sets the status of an endpoint. If the controller changes it between the read and the write, which it does at VALID
+/// only, the result is another.
 fn set_status(endpoint: EndpointAddress, status: Stat) {
     let register = USB.epr(endpoint.index());
     let now = register.read();
@@ -366,6 +367,18 @@ pub(in crate::board) fn on_event(event: Event) {
     }
 }
 
+/// Halts an endpoint, unless it is disabled. If the host's acknowledgement comes between a read and a write of the
+/// register, the write sets DISABLED instead, and is repeated. The HAL's loop ends there.
+fn halt(endpoint: EndpointAddress) {
+    critical_section::with(|_| {
+        if endpoint.index() != 0 && status(endpoint) != Stat::DISABLED {
+            while status(endpoint) != Stat::STALL {
+                set_status(endpoint, Stat::STALL);
+            }
+        }
+    });
+}
+
 /// Disables all endpoints but 0.
 fn disable_all() {
     for index in 1..ENDPOINTS {
@@ -396,6 +409,8 @@ pub(in crate::board) fn set_stalled(bus: &mut HalBus, endpoint: EndpointAddress,
     let was_stalled = status(endpoint) == Stat::STALL;
     if stalled {
         forget_fetched(endpoint);
+        halt(endpoint);
+        // This wakes the task that waits for it.
         bus.endpoint_set_stalled(endpoint, true);
     } else if endpoint.index() != 0 {
         reset_data_toggle(endpoint);
