@@ -6,8 +6,6 @@ use std::path::Path;
 
 use crate::error::Error;
 
-const EXISTS: &str = "the file exists: delete it, or name another";
-
 /// Checks that a file does not exist, and that its folder does.
 ///
 /// # Errors
@@ -16,10 +14,10 @@ const EXISTS: &str = "the file exists: delete it, or name another";
 pub(crate) fn check(path: &Path) -> Result<(), Error> {
     let name = path.display().to_string();
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
-    match fs::metadata(path) {
-        Ok(found) if found.is_file() => Err(Error::at(&name, EXISTS)),
-        Ok(_) => Ok(()),
-        Err(_) => match folder.map(fs::metadata) {
+    match path.exists() {
+        // It is refused, or is a device or a pipe.
+        true => create(path).map(drop),
+        false => match folder.map(fs::metadata) {
             Some(Err(error)) => Err(Error::at(&name, format_args!("its folder: {error}"))),
             _ => Ok(()),
         },
@@ -40,7 +38,7 @@ pub(crate) fn create(path: &Path) -> Result<File, Error> {
         false => File::create_new(path),
     };
     let file = file.map_err(|error| match error.kind() {
-        ErrorKind::AlreadyExists => Error::at(&name, EXISTS),
+        ErrorKind::AlreadyExists => Error::at(&name, "the file exists: delete it, or name another"),
         _ => Error::at(&name, error),
     })?;
     match is_special && file.is_terminal() {

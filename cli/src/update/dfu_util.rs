@@ -129,6 +129,7 @@ mod tests {
         for (name, word) in [
             ("new.dfu", "new.dfu"),
             ("my image.dfu", "'my image.dfu'"),
+            ("a\\b.dfu", "'a\\b.dfu'"),
             ("$(it's).dfu", r"'$(it'\''s).dfu'"),
         ] {
             let command = shown(&DfuUtil::new(Path::new(name)).write);

@@ -162,8 +162,8 @@ fn progress(line: impl Display) {
 
 /// An argument as one would type it in a shell.
 fn as_word(argument: &str) -> String {
-    let is_plain = |c: char| c.is_alphanumeric() || "-_./\\:=@%+,".contains(c);
-    match (argument.chars().all(is_plain), cfg!(windows)) {
+    let is_plain = |c: char| c.is_alphanumeric() || "-_./:=@%+,".contains(c) || cfg!(windows) && c == '\\';
+    match (!argument.is_empty() && argument.chars().all(is_plain), cfg!(windows)) {
         (true, _) => argument.to_owned(),
         (false, true) => format!("\"{argument}\""),
         (false, false) => format!("'{}'", argument.replace('\'', r"'\''")),

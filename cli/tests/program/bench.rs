@@ -102,6 +102,8 @@ fn drawing_that_cannot_be_written_is_refused_before_the_arm_is_asked() {
         output,
         "armwire: /absent/calls.svg: its folder: No such file or directory (os error 2)\n"
     );
+    let output = run_again(&["bench", "/dev/absent", "--svg", "/tmp"]);
+    assert_eq!(output, "armwire: /tmp: the file exists: delete it, or name another\n");
 }
 
 /// The errors of the program with these arguments.
