@@ -2,14 +2,14 @@
 
 use armwire_bridge::config::{self, Config};
 use armwire_bridge::control::Identity;
-use armwire_bridge::{Action, Bridge, Instant, Start, Status, UartConfig, UartEvent};
+use armwire_bridge::{Action, Bridge, Start, Status, UartConfig, UartEvent};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 
 use crate::ceiling::{Ceiling, SERVICE};
+use crate::clock::now;
 use crate::restart;
-use crate::uart::{self, Reader, Sender};
-use crate::usb::pipe::{self, SharedEndpoint};
+use crate::uart::{Reader, Sender, wait};
 
 /// A signal to a task, from another or from the service.
 type Notice<T = ()> = Signal<CriticalSectionRawMutex, T>;
@@ -40,7 +40,7 @@ const WORKS: usize = Work::Dispatch as usize + 1;
 
 /// The bridge, and a signal for each kind of work.
 pub(crate) struct Adapter {
-    shared: Ceiling<Shared>,
+    pub(crate) shared: Ceiling<Shared>,
     works: [Notice; WORKS],
     /// The next action of the bridge.
     pub(crate) action: Notice<Action>,
@@ -49,14 +49,14 @@ pub(crate) struct Adapter {
 }
 
 /// State of which the service has a part.
-struct Shared {
-    bridge: Bridge,
-    reader: Reader,
-    sender: Sender,
+pub(crate) struct Shared {
+    pub(crate) bridge: Bridge,
+    pub(crate) reader: Reader,
+    pub(crate) sender: Sender,
     /// The status at the last dispatch.
     status: Status,
     /// An event of the receiver has not been served.
-    is_behind: bool,
+    pub(crate) is_behind: bool,
 }
 
 impl Adapter {
@@ -98,44 +98,6 @@ impl Adapter {
         result
     }
 
-    /// Serves the line: received bytes, then a packet for the host, then the next burst; a poll that follows an answer
-    /// comes first. The service calls this.
-    pub(crate) fn serve(&self, port: &SharedEndpoint) {
-        self.shared.with(|shared| {
-            let Shared {
-                bridge, reader, sender, ..
-            } = shared;
-            let is_event = uart::take_event();
-            let is_frame = match is_event {
-                true => reader.read(bridge),
-                // The bridge requires regular reads.
-                false => bridge.uart_received(&[], now()) > 0,
-            };
-            let is_poll = is_frame && sender.transmit_ahead(bridge);
-            if is_event {
-                pipe::send(self, port, bridge);
-            }
-            let is_started = sender.transmit(bridge) || is_poll;
-            if is_event {
-                // Tasks run before the service reads what it has missed.
-                shared.is_behind = uart::wait(bridge.rx_wait());
-            }
-            if is_frame || is_started || shared.is_behind {
-                self.wake(Work::Dispatch);
-            }
-            if is_frame && bridge.has_delivery() {
-                self.wake(Work::Can);
-            }
-        });
-    }
-
-    /// Runs the service again if it has left an event of the receiver to later.
-    pub(crate) fn catch_up(&self) {
-        if self.shared.with(|shared| core::mem::take(&mut shared.is_behind)) {
-            uart::wake();
-        }
-    }
-
     /// The line uses this configuration.
     pub(crate) fn line_changed(&self, uart: UartConfig) {
         self.shared.with(|shared| {
@@ -143,7 +105,7 @@ impl Adapter {
             shared.sender.changed();
             // A read ends at a frame: more may wait.
             while shared.reader.read(&mut shared.bridge) {
-                uart::wait(shared.bridge.rx_wait());
+                wait(shared.bridge.rx_wait());
             }
         });
     }
@@ -205,9 +167,4 @@ impl Adapter {
             }
         });
     }
-}
-
-/// The current time of the microsecond timer.
-pub(crate) fn now() -> Instant {
-    Instant::from_micros(embassy_time::Instant::now().as_micros())
 }

@@ -8,7 +8,8 @@ use embassy_futures::select::{Either3, select3};
 use embassy_futures::yield_now;
 use embassy_time::{Duration, Instant, with_timeout};
 
-use crate::adapter::{Adapter, Work, now};
+use crate::adapter::{Adapter, Work};
+use crate::clock::now;
 use crate::board::{CAN_CAPACITY, Can};
 use crate::progress::{Task, progress, rest};
 

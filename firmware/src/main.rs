@@ -21,10 +21,12 @@ mod board;
 #[cfg(feature = "can")]
 mod can;
 mod ceiling;
+mod clock;
 mod fault;
 mod identity;
 mod led;
 mod panic;
+mod pend;
 mod priority;
 mod progress;
 mod restart;

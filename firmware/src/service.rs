@@ -14,12 +14,14 @@
 
 use embassy_sync::once_lock::OnceLock;
 
-use crate::adapter::Adapter;
+use crate::adapter::{Adapter, Shared, Work};
 use crate::board::ServiceInterrupt;
 use crate::board::hal::interrupt::typelevel::{Handler, Interrupt};
 use crate::ceiling::SERVICE;
+use crate::clock::now;
 use crate::progress::{Task, progress};
-use crate::usb::pipe::SharedEndpoint;
+use crate::uart;
+use crate::usb::pipe::{self, SharedEndpoint};
 
 /// The adapter, and the endpoint of the serial port's packets to the host.
 static SERVED: OnceLock<(&'static Adapter, &'static SharedEndpoint)> = OnceLock::new();
@@ -34,11 +36,6 @@ pub(crate) fn start(adapter: &'static Adapter, port: &'static SharedEndpoint) {
     unsafe { ServiceInterrupt::enable() };
 }
 
-/// Runs the service, or repeats it. Any context may call this.
-pub(crate) fn pend() {
-    ServiceInterrupt::pend();
-}
-
 pub(crate) struct ServiceHandler;
 
 impl Handler<ServiceInterrupt> for ServiceHandler {
@@ -46,6 +43,46 @@ impl Handler<ServiceInterrupt> for ServiceHandler {
         progress(Task::Service);
         if let Some((adapter, port)) = SERVED.try_get() {
             adapter.serve(port);
+        }
+    }
+}
+
+impl Adapter {
+    /// Serves the line: received bytes, then a packet for the host, then the next burst; a poll that follows an answer
+    /// comes first. The service calls this.
+    pub(crate) fn serve(&self, port: &SharedEndpoint) {
+        self.shared.with(|shared| {
+            let Shared {
+                bridge, reader, sender, ..
+            } = shared;
+            let is_event = uart::take_event();
+            let is_frame = match is_event {
+                true => reader.read(bridge),
+                // The bridge requires regular reads.
+                false => bridge.uart_received(&[], now()) > 0,
+            };
+            let is_poll = is_frame && sender.transmit_ahead(bridge);
+            if is_event {
+                pipe::send(self, port, bridge);
+            }
+            let is_started = sender.transmit(bridge) || is_poll;
+            if is_event {
+                // Tasks run before the service reads what it has missed.
+                shared.is_behind = uart::wait(bridge.rx_wait());
+            }
+            if is_frame || is_started || shared.is_behind {
+                self.wake(Work::Dispatch);
+            }
+            if is_frame && bridge.has_delivery() {
+                self.wake(Work::Can);
+            }
+        });
+    }
+
+    /// Runs the service again if it has left an event of the receiver to later.
+    pub(crate) fn catch_up(&self) {
+        if self.shared.with(|shared| core::mem::take(&mut shared.is_behind)) {
+            uart::wake();
         }
     }
 }

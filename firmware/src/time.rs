@@ -5,7 +5,8 @@ use embassy_futures::select::{Either, select};
 use embassy_futures::yield_now;
 use embassy_time::{Instant, Timer};
 
-use crate::adapter::{Adapter, Work, now};
+use crate::adapter::{Adapter, Work};
+use crate::clock::now;
 use crate::progress::{Task, progress, rest};
 
 /// Dispatches after every call of the bridge, and calls it at its timeout.

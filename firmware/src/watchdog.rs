@@ -6,10 +6,12 @@
 use armwire_bridge::start::StartLog;
 use embassy_time::Timer;
 
-use crate::adapter::{Adapter, now};
+use crate::adapter::Adapter;
+use crate::clock::now;
 use crate::board::Watchdog;
 use crate::progress::end_round;
-use crate::{restart, service};
+use crate::pend::pend;
+use crate::restart;
 
 /// The timeout, by the watchdog's own clock, which may be off by half. The erase of both flash sectors of the
 /// configuration stalls the core for 1 s at worst.
@@ -42,7 +44,7 @@ pub(crate) async fn feed(adapter: &'static Adapter, mut watchdog: Watchdog, mut 
             restart::keep(&starts);
         }
         // The service must show that it runs.
-        service::pend();
+        pend();
         Timer::after_millis(ROUND_MS).await;
     }
 }

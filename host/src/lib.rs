@@ -60,60 +60,41 @@
 //! `hid`, on by default, opens an Alpha1 that is a HID device. Without it such a port is [`Error::Disabled`].
 #![forbid(unsafe_code)]
 
-pub mod adapter;
-mod alpha1;
-mod available;
-mod can;
-pub mod control;
+mod arm;
 pub mod describe;
 mod error;
-pub mod follow;
-mod goal;
-mod hid;
-mod legacy;
-mod line;
-pub mod line_holder;
-mod ling;
-mod link;
-mod outside;
-mod pace;
-mod port;
-mod port_holder;
+mod motion;
+mod ports;
 mod reader;
-mod received;
-pub mod replay;
-mod serial;
-pub mod settings;
-mod shared;
-pub mod stamps;
-mod stop;
-pub mod stopwatch;
-mod tap;
-mod tcp;
-mod text;
-mod xarm;
+mod time;
 
 /// The crate of the protocols, whose types are those of arms.
 pub use armwire;
 /// The crate of the adapter, whose types are those of its control port.
 pub use armwire_bridge as bridge;
 
-pub use adapter::RECOVERY;
-pub use alpha1::Alpha1;
-pub use available::{PortInfo, has_serial_port, ports};
-pub use control::{Adapter, Hold};
+pub use arm::alpha1::Alpha1;
+pub use arm::ling::{Ling, Stream};
+pub use arm::pose::{OnPose, Pose, XArmPose};
+pub use arm::shared::Shared;
+pub use arm::xarm::XArm;
 pub use describe::{Arm, Fact, Protocol};
+pub use error::no_pose::NoPose;
+pub use error::outside::Outside;
+pub use error::received::Missing;
+pub use error::text::{Remedy, Text};
 pub use error::{Error, Silence, TorqueOffEffect};
-pub use goal::{Deviation, Limits};
-pub use hid::Selector;
-pub use ling::{Ling, Stream};
-pub use link::{Interrupt, LineErrors, Link};
-pub use outside::Outside;
-pub use port::{Connection, Options, Port, open};
-pub use reader::{Counts, NoPose, OnPose, Pose, Rate, Readable, Reader, Reading, Stamping, XArmPose};
-pub use received::Missing;
-pub use shared::Shared;
-pub use tap::Tap;
-pub use tcp::TcpAddress;
-pub use text::{Remedy, Text};
-pub use xarm::XArm;
+pub use motion::goal::{Deviation, Limits};
+pub use motion::{follow, replay};
+pub use ports::adapter::RECOVERY;
+pub use ports::available::{PortInfo, ports};
+pub use ports::control::{Adapter, Hold};
+pub use ports::hid::Selector;
+pub use ports::link::{Interrupt, LineErrors, Link};
+pub use ports::port::{Connection, Options, Port, open};
+pub use ports::system::has_serial_port;
+pub use ports::tap::Tap;
+pub use ports::tcp::TcpAddress;
+pub use ports::{adapter, control, line_holder, settings};
+pub use reader::{Counts, Rate, Readable, Reader, Reading, Stamping};
+pub use time::{stamps, stopwatch};

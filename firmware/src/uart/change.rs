@@ -1,20 +1,16 @@
 //! Changes of the line between two bytes, and the start of the receive path after each.
 
 use armwire_bridge::UartConfig;
-use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
-use embassy_sync::signal::Signal;
 use embassy_time::Timer;
 
 use super::chip::{self, Dma, Uart};
 use super::receive::Receiver;
+use super::transmit::CHANGE;
 use super::wake;
 use crate::adapter::Adapter;
 use crate::board::usart;
 use crate::ceiling::{SERVICE, mask};
 use crate::progress::{Task, rest};
-
-/// The configuration to change to. Nothing is sent until the change is done.
-pub(super) static CHANGE: Signal<CriticalSectionRawMutex, UartConfig> = Signal::new();
 
 /// Starts the receive path, and changes the line.
 #[embassy_executor::task]

@@ -20,7 +20,7 @@ use critical_section::Mutex;
 use portable_atomic::AtomicBool;
 
 use crate::board::usart;
-use crate::service;
+use crate::pend::pend;
 
 #[cfg(feature = "board-rp2040")]
 use rp2040 as chip;
@@ -59,7 +59,7 @@ static EVENT: AtomicBool = AtomicBool::new(false);
 /// Makes the service read the ring.
 pub(crate) fn wake() {
     EVENT.store(true, Ordering::Relaxed);
-    service::pend();
+    pend();
 }
 
 /// Returns true if the service must read the ring. It reads for no other reason: after a read inside a frame, each further

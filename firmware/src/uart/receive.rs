@@ -7,7 +7,7 @@ use portable_atomic::Ordering;
 
 use super::chip::{self, Dma, Transfer, tail};
 use super::{ERRORS, RING_OVERRUN, WORD, with_ring, word_at};
-use crate::adapter::now;
+use crate::clock::now;
 
 /// Maximum number of bytes that are passed to the bridge at once.
 const CHUNK: usize = 64;

@@ -14,7 +14,7 @@ use core::sync::atomic::{AtomicBool, AtomicU32, AtomicUsize, Ordering};
 use armwire_bridge::{Duration, Instant, LineCoding, RxRing};
 
 use super::{BYTES, ERRORS, RING_OVERRUN, SIZE, byte_at, wake, with_ring};
-use crate::adapter::now;
+use crate::clock::now;
 use crate::board::hal::interrupt::typelevel::Handler;
 use crate::board::usart;
 use crate::board::{IdleInterrupt, RxInterrupt, UartInterrupt, clear_idle_alarm, has_passed, set_idle_alarm};

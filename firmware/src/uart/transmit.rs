@@ -3,14 +3,17 @@
 use core::sync::atomic::{AtomicBool, Ordering};
 
 use armwire_bridge::control::MAX_FRAME;
-use armwire_bridge::{Bridge, Instant, Transmit};
+use armwire_bridge::{Bridge, Instant, Transmit, UartConfig};
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::signal::Signal;
 
-use super::change::CHANGE;
-use crate::adapter::now;
+use crate::clock::now;
 use crate::board::hal::interrupt::typelevel::Handler;
 use crate::board::{TxInterrupt, transmit_at, usart};
-use crate::service;
+use crate::pend::pend;
 
+/// The configuration to change to. Nothing is sent until the change is done.
+pub(super) static CHANGE: Signal<CriticalSectionRawMutex, UartConfig> = Signal::new();
 /// A burst is going out. The interrupt handlers clear it.
 static SENDING: AtomicBool = AtomicBool::new(false);
 
@@ -130,5 +133,5 @@ fn dma_ended() {
 /// The UART is ready for the next burst.
 pub(super) fn sent() {
     SENDING.store(false, Ordering::Relaxed);
-    service::pend();
+    pend();
 }

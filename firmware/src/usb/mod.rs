@@ -15,7 +15,8 @@ use embassy_usb::types::StringIndex;
 use embassy_usb::{Builder, Config, FunctionBuilder, Handler, UsbDevice};
 use static_cell::StaticCell;
 
-use crate::adapter::{Adapter, Work, now};
+use crate::adapter::{Adapter, Work};
+use crate::clock::now;
 use crate::board::{self, UsbDriver};
 use crate::ceiling::{SERVICE, mask};
 use crate::progress::{Task, rest};

@@ -12,7 +12,8 @@ use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::mutex::Mutex;
 use embassy_usb::driver::{Driver, Endpoint, EndpointIn, EndpointOut};
 
-use crate::adapter::{Adapter, Work, now};
+use crate::adapter::{Adapter, Work};
+use crate::clock::now;
 use crate::board::UsbDriver;
 use crate::progress::{Task, rest};
 

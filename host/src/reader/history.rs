@@ -4,10 +4,11 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Condvar, Mutex, OnceLock, PoisonError, RwLock};
 use std::time::{Duration, Instant};
 
-use super::pose::Pose;
-use super::{Counts, End, NoPose, Reading, Stamping};
-use crate::stamps::{HostTime, monotonic};
-use crate::stopwatch::after;
+use super::{Counts, End, Reading, Stamping};
+use crate::arm::pose::Pose;
+use crate::error::no_pose::NoPose;
+use crate::time::stamps::{HostTime, monotonic};
+use crate::time::stopwatch::after;
 
 /// Number of readings: two seconds at the highest rate.
 const KEPT: u64 = 2_048;

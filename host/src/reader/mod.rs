@@ -8,7 +8,7 @@ mod patience;
 mod polled;
 mod pose;
 
-use std::fmt::{self, Display};
+use std::fmt;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::{self, JoinHandle};
@@ -19,20 +19,20 @@ use armwire::ling::legacy::OlderGeneration;
 use armwire::time;
 use armwire_bridge::config::MAX_POLL_HZ;
 
-use crate::control::Adapter;
+use crate::arm::ling::Ling;
+use crate::arm::shared::Shared;
+use crate::arm::xarm::XArm;
 use crate::error::Error;
-use crate::ling::Ling;
-use crate::outside::Outside;
-use crate::pace::Pace;
-use crate::shared::Shared;
-use crate::stamps::{HostTime, monotonic};
-use crate::stopwatch::Stopwatch;
-use crate::xarm::XArm;
+use crate::error::outside::Outside;
+use crate::ports::control::Adapter;
+use crate::time::pace::Pace;
+use crate::time::stamps::{HostTime, monotonic};
+use crate::time::stopwatch::Stopwatch;
 use history::{History, Missing};
 use patience::Patience;
 use polled::Polled;
 
-pub use pose::{OnPose, Pose, Readable, XArmPose};
+pub use pose::Readable;
 
 /// Default limit of a pose's age, unless three periods are longer.
 const MAX_AGE: Duration = Duration::from_millis(100);
@@ -108,69 +108,6 @@ pub struct Counts {
     pub lost: u64,
     /// Readings that were not begun: a call used the arm, an answer took longer than a period, or the system was busy.
     pub missed: u64,
-}
-
-/// The reason why there is no pose.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum NoPose {
-    /// There is no reading yet.
-    NotYet,
-    /// The newest reading is too old: the arm does not answer, or a call uses it.
-    Stale {
-        /// Its age.
-        age: Duration,
-        /// The limit.
-        limit: Duration,
-    },
-    /// The time is before the oldest reading that is kept.
-    Before {
-        /// By this.
-        before: Duration,
-    },
-    /// The time is after the newest reading.
-    After {
-        /// By this.
-        ahead: Duration,
-    },
-    /// The readings around the time are too far apart.
-    Gap {
-        /// Their distance.
-        gap: Duration,
-        /// The limit.
-        limit: Duration,
-    },
-}
-
-impl Display for NoPose {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match *self {
-            Self::NotYet => write!(f, "no pose was read yet"),
-            Self::Stale { age, limit } => write!(
-                f,
-                "the newest pose is {} old, and the limit is {}",
-                Millis(age),
-                Millis(limit)
-            ),
-            Self::Before { before } => write!(f, "the time is {} before the oldest pose", Millis(before)),
-            Self::After { ahead } => write!(f, "the time is {} after the newest pose", Millis(ahead)),
-            Self::Gap { gap, limit } => write!(
-                f,
-                "the poses around that time are {} apart, and the limit is {}",
-                Millis(gap),
-                Millis(limit)
-            ),
-        }
-    }
-}
-
-/// A duration in milliseconds.
-struct Millis(Duration);
-
-impl Display for Millis {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{:.1} ms", self.0.as_secs_f64() * 1_000.0)
-    }
 }
 
 /// The reason why a reader has ended.
@@ -308,7 +245,7 @@ impl<A: Readable> Reader<A> {
         self.found(self.history.latest(monotonic(), max_age))
     }
 
-    /// The pose at this time of the [monotonic clock](crate::stamps::monotonic), without waiting: linear between the
+    /// The pose at this time of the [monotonic clock](crate::time::stamps::monotonic), without waiting: linear between the
     /// readings before and after it, which are at most 100 ms or three periods apart. Readings are kept for two seconds at
     /// 1000 Hz, and longer at a lower rate.
     ///

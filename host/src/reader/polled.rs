@@ -10,9 +10,9 @@ use armwire_bridge::control::{Event, Stamp, Subscription};
 use super::history::History;
 use super::pose::Readable;
 use super::{End, Rate, Stamping};
-use crate::control::Adapter;
 use crate::error::Error;
-use crate::stamps::{Clock, HostTime};
+use crate::ports::control::Adapter;
+use crate::time::stamps::{Clock, HostTime};
 
 /// Maximum wait for an event, and the wait after a failed one.
 const EVENT_TIMEOUT: Duration = Duration::from_millis(50);
@@ -160,8 +160,8 @@ mod tests {
 
     use super::super::history::Missing;
     use super::*;
-    use crate::control::{Received, Transport};
-    use crate::ling::Ling;
+    use crate::arm::ling::Ling;
+    use crate::ports::control::{Received, Transport};
 
     /// An adapter with this configuration. To each subscription it sends one group of these messages, then nothing. It
     /// is lost after the last.

@@ -1,28 +1,16 @@
-//! The poses of arms, and how they are read.
+//! How the poses of arms are read.
 
 use std::time::Instant;
 
 use armwire::ling::{JointState, Ling as LingProtocol};
 use armwire::messages::Messages;
-use armwire::xarm::State;
 use armwire_bridge::config::ArmKind;
 
-use crate::control::Adapter;
-use crate::describe::xarm::JOINTS;
+use crate::arm::ling::Ling;
+use crate::arm::pose::{OnPose, Pose, XArmPose};
+use crate::arm::xarm::XArm;
 use crate::error::Error;
-use crate::ling::Ling;
-use crate::xarm::XArm;
-
-/// A pose of an arm.
-pub trait Pose: Copy + Send + Sync + 'static {
-    /// The pose at this fraction of the way from this one to `later`, in a straight line. Values without an order, such as
-    /// a status, are those of the nearer one.
-    #[must_use]
-    fn between(&self, later: &Self, fraction: f64) -> Self;
-}
-
-/// A recipient of each pose that an arm reports.
-pub type OnPose<P> = Box<dyn FnMut(P) + Send>;
+use crate::ports::control::Adapter;
 
 /// An arm whose pose can be read at a rate.
 ///
@@ -58,23 +46,6 @@ pub trait Readable: Send + 'static {
     fn on_pose(&mut self) -> &mut Option<OnPose<Self::Pose>>;
 }
 
-impl Pose for JointState {
-    /// Rounded to the arm's ticks and thousandths.
-    fn between(&self, later: &Self, fraction: f64) -> Self {
-        let count =
-            |from: u16, to: u16| (f64::from(from) + (f64::from(to) - f64::from(from)) * fraction).round() as u16;
-        let mut joints = self.joints;
-        for (joint, to) in joints.iter_mut().zip(later.joints) {
-            *joint = count(*joint, to);
-        }
-        Self {
-            joints,
-            gripper: count(self.gripper, later.gripper),
-            status: if fraction < 0.5 { self.status } else { later.status },
-        }
-    }
-}
-
 impl Readable for Ling {
     type Pose = JointState;
 
@@ -98,26 +69,6 @@ impl Readable for Ling {
 
     fn on_pose(&mut self) -> &mut Option<OnPose<JointState>> {
         &mut self.on_pose
-    }
-}
-
-/// The joint positions of an xArm, and its state.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct XArmPose {
-    /// Positions in radians. An arm with fewer joints uses the first.
-    pub joints: [f32; JOINTS],
-    /// The arm's state.
-    pub state: State,
-}
-
-impl Pose for XArmPose {
-    fn between(&self, later: &Self, fraction: f64) -> Self {
-        let mut joints = self.joints;
-        for (joint, to) in joints.iter_mut().zip(later.joints) {
-            *joint = (f64::from(*joint) + (f64::from(to) - f64::from(*joint)) * fraction) as f32;
-        }
-        let state = if fraction < 0.5 { self.state } else { later.state };
-        Self { joints, state }
     }
 }
 

@@ -10,9 +10,9 @@ use embassy_rp::interrupt::typelevel::{Handler, Interrupt, TIMER_IRQ_0, TIMER_IR
 use embassy_rp::pac::TIMER;
 
 use super::{IdleInterrupt, uart};
-use crate::adapter::now;
+use crate::clock::now;
 use crate::board::timers;
-use crate::service;
+use crate::pend::pend;
 use crate::uart::burst_ended;
 
 /// The alarms: the next timer, the start and end of a burst, and an idle line.
@@ -102,7 +102,7 @@ impl Handler<TIMER_IRQ_0> for TimerHandler {
     unsafe fn on_interrupt() {
         TIMER.intr().write(|w| w.set_alarm(NEXT, true));
         // Usually the timeout of the bridge, and a poll is due.
-        service::pend();
+        pend();
         timers::wake_expired();
     }
 }

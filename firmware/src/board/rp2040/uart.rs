@@ -12,7 +12,7 @@ use embassy_rp::pac::io::vals::{Gpio0ctrlFuncsel, Oeover};
 use embassy_rp::pac::{DMA, IO_BANK0, PADS_BANK0, SIO, TIMER, UART1};
 
 use super::time::set_end_alarm;
-use crate::adapter::now;
+use crate::clock::now;
 
 /// The pins to and from the arm.
 const TX: usize = 4;

@@ -16,7 +16,7 @@ use embassy_time_driver::TICK_HZ;
 
 use super::{TIMER, TIMER_HZ, TimerInterrupt, TimerPeripheral, usart};
 use crate::board::timers;
-use crate::service;
+use crate::pend::pend;
 
 /// Number of counter bits below the half-turn.
 const HALF_TURN: u32 = 31;
@@ -136,7 +136,7 @@ impl Handler<TimerInterrupt> for TimerHandler {
         }
         if flags.ccif(ALARM) {
             // Usually the timeout of the bridge, and a poll is due.
-            service::pend();
+            pend();
         }
         if flags.ccif(ALARM) || ended > 0 {
             timers::wake_expired();

@@ -1,0 +1,594 @@
+//! A Ling arm: its requests, and what a motion depends on.
+
+mod stream;
+
+use std::fmt;
+use std::thread;
+use std::time::{Duration, Instant};
+
+use armwire::ling::stop::{Grip, Stopped};
+use armwire::ling::{
+    GripperSpeed, Info, JOINTS, JointState, Move, Opening, PerServo, Position, Request, SelfCheck, Speed, Stroke,
+    TemperatureLimit, Torque,
+};
+
+use crate::arm::legacy;
+use crate::arm::pose::OnPose;
+use crate::arm::stop;
+use crate::error::text::Text;
+use crate::error::{self, Error, Silence, TorqueOffEffect};
+use crate::ports::control::Adapter;
+use crate::ports::link::{Interrupt, LineErrors, Link};
+use crate::ports::port::Connection;
+
+pub use stream::Stream;
+
+/// A gripper whose reading is the same for this long stands still: it may hold something.
+const STANDSTILL_TIME: Duration = Duration::from_secs(1);
+/// Period of the readings during a motion.
+const POLL_PERIOD: Duration = Duration::from_millis(20);
+
+/// A Ling arm on a port, which [`Connection::ling`] opens.
+///
+/// Every call fails with an [`Error`]: the line fails, or no acceptable answer arrives. A read is repeated after a timeout.
+/// A call that only sends has no answer: read back what it changes.
+///
+/// ```no_run
+/// use std::time::Duration;
+///
+/// use armwire::ling::{GripperSpeed, Move, Speed};
+///
+/// let mut arm = armwire_host::open("/dev/ttyUSB0")?.ling()?;
+/// let pose = arm.read_joints()?;
+/// let speed = Speed::new(300)?;
+/// let target = Move {
+///     joints: pose.positions()?.map(|position| (position, speed)),
+///     gripper: (pose.opening()?, GripperSpeed(1000)),
+/// };
+/// arm.move_and_wait(&target, Duration::from_secs(5))?;
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+pub struct Ling {
+    link: Link<armwire::ling::Ling>,
+    connection: Connection,
+    /// The gripper's goal in the last move that was sent. `None` before, and after the torque was off: the gripper then
+    /// holds nothing.
+    gripper: Option<Opening>,
+    /// True if the last reading did not show the torque off. False before the first one, and after the torque was or
+    /// may have been switched: the next move reads first.
+    may_move: bool,
+    /// The last reading of the joints since the last move.
+    last: Option<JointState>,
+    /// Gets each reading of the joints.
+    pub(crate) on_pose: Option<OnPose<JointState>>,
+}
+
+impl Connection {
+    /// Opens the line of a Ling arm and listens for 0.1 s, because an arm of the older generation must be sent nothing.
+    /// Unsolicited bytes received meanwhile are discarded. No other call opens the line of a Ling arm:
+    ///
+    /// ```compile_fail,E0624
+    /// # fn ling(connection: &armwire_host::Connection) {
+    /// connection.arm::<armwire::ling::Ling>();
+    /// # }
+    /// ```
+    ///
+    /// # Errors
+    ///
+    /// The line cannot be opened. [`Error::Legacy`], now and from every later call, when the arm is one of the older
+    /// generation.
+    pub fn ling(&self) -> Result<Ling, Error> {
+        Ok(Ling {
+            link: legacy::open(self)?,
+            connection: self.clone(),
+            gripper: None,
+            may_move: false,
+            last: None,
+            on_pose: None,
+        })
+    }
+}
+
+impl Ling {
+    /// The time without an answer after which an arm in motion is asked to stop.
+    pub const SILENCE: Duration = error::SILENCE;
+
+    /// Reads the arm's kind, serial number and versions.
+    pub fn read_info(&mut self) -> Result<Info, Error> {
+        self.link.read(&Request::ReadInfo)
+    }
+
+    /// Reads the joint positions, the gripper and the motion status.
+    pub fn read_joints(&mut self) -> Result<JointState, Error> {
+        let state: JointState = self.link.read(&Request::ReadJoints)?;
+        self.note(&state);
+        Ok(state)
+    }
+
+    /// Reads the joints once, as one of many readings. Returns false without an answer until this time.
+    ///
+    /// The answer may be one to an earlier request: it permits no move, and only forbids one if it shows the torque off.
+    pub(crate) fn read_joints_until(&mut self, until: Instant) -> Result<bool, Error> {
+        let take = |response| JointState::try_from(response).ok();
+        let Some(state) = self.link.read_until(&Request::ReadJoints, until, take)?.flatten() else {
+            return Ok(false);
+        };
+        if let Some(on_pose) = &mut self.on_pose {
+            on_pose(state);
+        }
+        self.may_move &= state.status.is_holding() != Some(false);
+        Ok(true)
+    }
+
+    /// The adapter on this arm's port. `None` without one.
+    pub(crate) fn find_adapter(&self) -> Result<Option<Adapter>, Error> {
+        match self.connection.adapter() {
+            Err(Error::NoControl { .. }) => Ok(None),
+            adapter => adapter.map(Some),
+        }
+    }
+
+    /// Reads the joints of an arm that is to move.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::TorqueOff`] if the torque is off.
+    pub fn require_torque(&mut self) -> Result<JointState, Error> {
+        let state = self.read_joints()?;
+        match self.may_move {
+            true => Ok(state),
+            false => Err(self.without_torque(&state, TorqueOffEffect::NothingSent)),
+        }
+    }
+
+    /// Reads the joints of an arm in motion, as [`read_joints`](Self::read_joints) for an arm that was not moved: it may be
+    /// moved by hand.
+    ///
+    /// After a move, a missing or unacceptable answer costs one reading: the arm is read until it answers. After
+    /// [`SILENCE`](Self::SILENCE) it is asked to stop, as by [`stop`](Self::stop).
+    ///
+    /// # Errors
+    ///
+    /// [`Error::TorqueOff`] if the torque went off after a move. [`Error::Unanswered`] after the silence.
+    pub fn read_motion(&mut self) -> Result<JointState, Error> {
+        let Some(gripper) = self.gripper else {
+            return self.read_joints();
+        };
+        let begun = Instant::now();
+        loop {
+            match self.read_joints() {
+                Ok(state) if self.may_move => return Ok(state),
+                Ok(state) => return Err(self.without_torque(&state, TorqueOffEffect::MotionEnded)),
+                Err(error) => {
+                    let cause = stop::passing(error)?;
+                    if begun.elapsed() >= Self::SILENCE {
+                        return Err(self.unanswered(cause, gripper));
+                    }
+                }
+            }
+            self.link.check_interrupt()?;
+            thread::sleep(POLL_PERIOD);
+        }
+    }
+
+    /// Reads the temperature of every servo, in °C.
+    pub fn read_temperatures(&mut self) -> Result<PerServo<u8>, Error> {
+        self.link.read(&Request::ReadTemperatures)
+    }
+
+    /// Reads the velocity of every servo, in ticks per second.
+    pub fn read_velocities(&mut self) -> Result<PerServo<u16>, Error> {
+        self.link.read(&Request::ReadVelocities)
+    }
+
+    /// Reads the configured stroke of the gripper.
+    pub fn read_stroke(&mut self) -> Result<Stroke, Error> {
+        self.link.read(&Request::ReadStroke)
+    }
+
+    /// Runs a self-check of every servo.
+    pub fn self_check(&mut self) -> Result<SelfCheck, Error> {
+        self.link.read(&Request::SelfCheck)
+    }
+
+    /// Starts a motion. The arm does not confirm it: read the joints to follow it.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::TorqueOff`], and nothing is sent. The torque is read before the first move, and before a move after a
+    /// reading that showed it off: a stream of moves costs no readings.
+    pub fn move_to(&mut self, target: &Move) -> Result<(), Error> {
+        if !self.may_move {
+            self.require_torque()?;
+        }
+        self.start(target)
+    }
+
+    /// Starts a motion, as [`move_to`](Self::move_to). An omitted gripper gets its last goal, else its reading: a grip may
+    /// loosen then. Returns which it was.
+    ///
+    /// # Errors
+    ///
+    /// As of [`move_to`](Self::move_to).
+    pub fn move_joints(
+        &mut self,
+        joints: [(Position, Speed); JOINTS],
+        gripper: Option<Opening>,
+        gripper_speed: GripperSpeed,
+    ) -> Result<Grip, Error> {
+        let (opening, grip) = match gripper.or(self.gripper) {
+            Some(goal) => (goal, Grip::Goal),
+            // As in a stop, a reading beyond the open end stands for that end.
+            None => (self.require_torque()?.opening().unwrap_or(Opening::OPEN), Grip::Reading),
+        };
+        let gripper = (opening, gripper_speed);
+        self.move_to(&Move { joints, gripper })?;
+        Ok(grip)
+    }
+
+    /// Moves the arm, and waits until the joints and the gripper have [reached](Move::is_reached_by) the target, or until
+    /// the gripper has stood still for 1 s, for example at an object. The [interrupt](Self::set_interrupt) stops the arm.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::NotReached`] at the first reading after `limit`: the arm may move on. [`Error::Stopped`] after an interrupt.
+    /// [`Error::TorqueOff`] if the torque is off, or goes off. [`Error::Unanswered`] if the arm falls silent, as in
+    /// [`read_motion`](Self::read_motion): it was asked to stop.
+    pub fn move_and_wait(&mut self, target: &Move, limit: Duration) -> Result<JointState, Error> {
+        let (gripper, _speed) = target.gripper;
+        self.stop_if_interrupted(gripper, |arm| {
+            arm.move_to(target)?;
+            arm.wait_for(target, limit)
+        })
+    }
+
+    /// Runs `motion`, which gives the gripper this goal. If the [interrupt](Self::set_interrupt) returns an error meanwhile
+    /// or afterwards, the arm is stopped, whatever `motion` returns.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Stopped`] after an interrupt, or the error of the stop. Its reason is the interrupt's error if the
+    /// check still returns one, else that error's text. Otherwise the error of `motion`, and [`Error::Interrupted`]
+    /// before it.
+    pub fn stop_if_interrupted<T, E: From<Error>>(
+        &mut self,
+        gripper: Opening,
+        motion: impl FnOnce(&mut Self) -> Result<T, E>,
+    ) -> Result<T, E> {
+        self.link.check_interrupt()?;
+        self.link.take_interrupted();
+        let result = motion(self);
+        let checked = self.link.check_interrupt();
+        let reason = match (checked, self.link.take_interrupted()) {
+            (Err(Error::Interrupted(reason)), _) => reason,
+            (_, Some(reason)) => reason.into(),
+            (_, None) => return result,
+        };
+        let stopped = self.stop(Some(gripper))?;
+        let name = self.link.name().into();
+        Err(Error::Stopped { name, stopped, reason }.into())
+    }
+
+    /// Stops the arm and keeps its torque on, as [`Stop`](armwire::ling::Stop) describes. Takes 2 s at most, and the timeout
+    /// of one read. An omitted gripper gets its last goal, else its reading: a grip may loosen then. The
+    /// [interrupt](Self::set_interrupt) does not end the stop: an interrupted program calls it.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::NotStopped`] if the arm may still move; [`Error::Lost`] and [`Error::Legacy`]. After any other error a
+    /// request is repeated.
+    pub fn stop(&mut self, gripper: Option<Opening>) -> Result<Stopped, Error> {
+        self.stop_by(gripper, stop::stop)
+    }
+
+    /// As [`stop`](Self::stop), but the interrupt ends it, as [`Error::Interrupted`]: the caller has taken the one that the
+    /// stop is for.
+    ///
+    /// # Errors
+    ///
+    /// As [`stop`](Self::stop), and [`Error::Interrupted`].
+    pub fn stop_interruptibly(&mut self, gripper: Option<Opening>) -> Result<Stopped, Error> {
+        self.stop_by(gripper, stop::stop_interruptibly)
+    }
+
+    /// Switches the torque. With torque off the arm falls.
+    pub fn set_torque(&mut self, torque: Torque) -> Result<(), Error> {
+        self.may_move = false;
+        self.link.send(&Request::SetTorque(torque))?;
+        if torque == Torque::Off {
+            self.gripper = None;
+        }
+        Ok(())
+    }
+
+    /// Makes the present pose the zero position. The arm switches its torque off, and falls.
+    pub fn set_zero(&mut self) -> Result<(), Error> {
+        self.may_move = false;
+        self.link.send(&Request::SetZero)?;
+        self.gripper = None;
+        Ok(())
+    }
+
+    /// Sets the stroke of the gripper.
+    pub fn set_stroke(&mut self, stroke: Stroke) -> Result<(), Error> {
+        self.link.send(&Request::SetStroke(stroke))
+    }
+
+    /// Sets the temperature limit of the overheat protection.
+    pub fn set_temperature_limit(&mut self, limit: TemperatureLimit) -> Result<(), Error> {
+        self.link.send(&Request::SetTemperatureLimit(limit))
+    }
+
+    /// True if a move was sent since the torque was last off.
+    pub fn has_moved(&self) -> bool {
+        self.gripper.is_some()
+    }
+
+    /// Makes calls run this check at least every 100 ms while they wait, for Ctrl-C. Its error ends the call, as
+    /// [`Error::Interrupted`], and stops the arm if [`move_and_wait`](Self::move_and_wait) runs.
+    pub fn set_interrupt(&mut self, check: impl FnMut() -> Interrupt + Send + 'static) {
+        self.link.set_interrupt(check);
+    }
+
+    /// The port's name, as typed by the user.
+    pub fn name(&self) -> &str {
+        self.link.name()
+    }
+
+    /// Errors on the line so far.
+    pub fn line_errors(&self) -> LineErrors {
+        self.link.line_errors()
+    }
+
+    /// Adds to an error what only the adapter knows: see [`Connection::explain`].
+    #[must_use]
+    pub fn explain(&self, error: Error) -> Error {
+        self.connection.explain(error)
+    }
+
+    /// The frame that ended the last call: see [`Link::frame`].
+    pub fn frame(&self) -> &[u8] {
+        self.link.frame()
+    }
+
+    /// The arm's link, for any request. A move by it is not known here: [`move_to`](Self::move_to) is for moves. The
+    /// next one reads the torque first, for a request by the link may switch it.
+    pub fn link(&mut self) -> &mut Link<armwire::ling::Ling> {
+        self.may_move = false;
+        &mut self.link
+    }
+
+    /// The arm's link alone.
+    pub fn into_link(self) -> Link<armwire::ling::Ling> {
+        self.link
+    }
+
+    /// Takes a reading.
+    fn note(&mut self, state: &JointState) {
+        if let Some(on_pose) = &mut self.on_pose {
+            on_pose(*state);
+        }
+        self.last = Some(*state);
+        self.may_move = state.status.is_holding() != Some(false);
+        if !self.may_move {
+            self.gripper = None;
+        }
+    }
+
+    /// Sends a move.
+    fn start(&mut self, target: &Move) -> Result<(), Error> {
+        let (gripper, _speed) = target.gripper;
+        self.link.send(&Request::Move(*target))?;
+        self.gripper = Some(gripper);
+        self.last = None;
+        Ok(())
+    }
+
+    fn stop_by(
+        &mut self,
+        gripper: Option<Opening>,
+        stop: impl FnOnce(&mut Link<armwire::ling::Ling>, Option<Opening>) -> Result<Stopped, Error>,
+    ) -> Result<Stopped, Error> {
+        self.may_move = false;
+        let goal = gripper.or(self.gripper);
+        let stopped = stop(&mut self.link, goal)?;
+        match stopped {
+            Stopped::AtRest { .. } => (self.gripper, self.may_move) = (goal, true),
+            Stopped::WithoutTorque(_) => self.gripper = None,
+        }
+        Ok(stopped)
+    }
+
+    /// Reads until the target is reached, or the gripper stands still at reached joints.
+    fn wait_for(&mut self, target: &Move, limit: Duration) -> Result<JointState, Error> {
+        let start = Instant::now();
+        let mut gripper = Standstill::default();
+        loop {
+            self.link.check_interrupt()?;
+            let state = self.read_motion()?;
+            let stands_still = gripper.lasts(start.elapsed(), state.gripper) >= STANDSTILL_TIME;
+            if target.are_joints_reached_by(&state) && (stands_still || target.is_gripper_reached_by(&state)) {
+                return Ok(state);
+            }
+            if start.elapsed() >= limit {
+                let name = self.link.name().into();
+                return Err(Error::NotReached { name, state, limit });
+            }
+            thread::sleep(POLL_PERIOD);
+        }
+    }
+
+    /// Stops an arm that is silent for this cause.
+    fn unanswered(&mut self, cause: Text, gripper: Opening) -> Error {
+        let last = self.last;
+        let stopped = self.stop(Some(gripper)).map_err(|error| match error {
+            Error::NotStopped { cause, .. } => cause,
+            error => error.to_string().into(),
+        });
+        Error::Unanswered {
+            name: self.link.name().into(),
+            silence: Box::new(Silence { cause, last, stopped }),
+        }
+    }
+
+    fn without_torque(&self, state: &JointState, effect: TorqueOffEffect) -> Error {
+        Error::TorqueOff {
+            name: self.link.name().into(),
+            status: state.status,
+            effect,
+        }
+    }
+}
+
+impl fmt::Debug for Ling {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Ling")
+            .field("name", &self.name())
+            .field("gripper", &self.gripper)
+            .field("may_move", &self.may_move)
+            .finish_non_exhaustive()
+    }
+}
+
+/// A gripper's reading, and the time since which it is the same.
+#[derive(Default)]
+struct Standstill(Option<(u16, Duration)>);
+
+impl Standstill {
+    /// Takes a reading, and returns how long it has been the same.
+    fn lasts(&mut self, now: Duration, opening: u16) -> Duration {
+        match self.0 {
+            Some((before, since)) if before == opening => now - since,
+            _ => {
+                self.0 = Some((opening, now));
+                Duration::ZERO
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::mpsc;
+
+    use armwire::ling::{Ling as Protocol, MotionStatus, Response};
+    use armwire::messages::Messages;
+
+    use super::*;
+    use crate::describe::Arm;
+    use crate::error::text::Text;
+    use crate::ports::line::{Line, Names, Reception};
+
+    #[test]
+    fn gripper_stands_still_while_its_reading_stays() {
+        let mut gripper = Standstill::default();
+        let lasts = |(millis, opening): (u64, u16)| gripper.lasts(Duration::from_millis(millis), opening).as_millis();
+        let readings = [(10, 0), (500, 0), (600, 1), (1600, 1), (1601, 0), (1602, 0)];
+        assert_eq!(readings.map(lasts), [0, 490, 0, 1000, 0, 1]);
+    }
+
+    /// A line that fails once it has taken this number of writes.
+    struct Failing(usize);
+
+    impl Line for Failing {
+        fn name(&self) -> &str {
+            "fake"
+        }
+
+        fn read(&mut self, _: &mut [u8], _: Duration) -> Result<usize, Error> {
+            Ok(0)
+        }
+
+        fn write(&mut self, bytes: &[u8]) -> Result<usize, Error> {
+            self.0 = self.0.checked_sub(1).ok_or_else(|| Error::at("fake", "no"))?;
+            Ok(bytes.len())
+        }
+
+        fn hint(&self, _: Reception, _: Names) -> Text {
+            Text::default()
+        }
+    }
+
+    /// A line whose arm answers each request with its joints, and holds its pose.
+    struct Holding(bool);
+
+    impl Line for Holding {
+        fn name(&self) -> &str {
+            "fake"
+        }
+
+        fn read(&mut self, buf: &mut [u8], _: Duration) -> Result<usize, Error> {
+            let response = Response::Joints(JointState {
+                joints: [2048; JOINTS],
+                gripper: 500,
+                status: MotionStatus::Locked,
+            });
+            match std::mem::take(&mut self.0) {
+                true => Ok(Protocol.encode_response(&response, None, buf).unwrap()),
+                false => Ok(0),
+            }
+        }
+
+        fn write(&mut self, bytes: &[u8]) -> Result<usize, Error> {
+            self.0 = true;
+            Ok(bytes.len())
+        }
+
+        fn hint(&self, _: Reception, _: Names) -> Text {
+            Text::default()
+        }
+    }
+
+    fn holding() -> Ling {
+        Ling {
+            link: Link::new(Box::new(Holding(false)), Protocol::CONFIG),
+            connection: crate::open("/dev/fake").unwrap(),
+            gripper: None,
+            may_move: false,
+            last: None,
+            on_pose: None,
+        }
+    }
+
+    #[test]
+    fn every_read_of_the_joints_is_reported() {
+        let (poses, reported) = mpsc::channel();
+        let mut arm = holding();
+        arm.on_pose = Some(Box::new(move |pose| poses.send(pose).unwrap()));
+        let state = arm.read_joints().unwrap();
+        arm.read_motion().unwrap();
+        assert!(arm.read_joints_until(Instant::now()).unwrap());
+        drop(arm);
+        assert_eq!(reported.iter().collect::<Vec<_>>(), [state; 3]);
+    }
+
+    #[test]
+    fn reading_at_a_rate_permits_no_move() {
+        let mut arm = holding();
+        // It may be the answer to a request before the torque was switched.
+        assert!(arm.read_joints_until(Instant::now()).unwrap());
+        assert!(!arm.may_move);
+        arm.read_joints().unwrap();
+        assert!(arm.may_move);
+        assert!(arm.read_joints_until(Instant::now()).unwrap());
+        assert!(arm.may_move);
+    }
+
+    #[test]
+    fn grip_is_kept_until_torque_off_is_sent() {
+        for (writes, has_moved) in [(0, true), (1, false)] {
+            for switch_off in [|arm: &mut Ling| arm.set_torque(Torque::Off), Ling::set_zero] {
+                let mut arm = Ling {
+                    link: Link::new(Box::new(Failing(writes)), armwire::ling::Ling::CONFIG),
+                    connection: crate::open("/dev/fake").unwrap(),
+                    gripper: Some(Opening::OPEN),
+                    may_move: false,
+                    last: None,
+                    on_pose: None,
+                };
+                assert_eq!(switch_off(&mut arm).is_err(), has_moved);
+                assert_eq!(arm.has_moved(), has_moved);
+            }
+        }
+    }
+}

@@ -1,0 +1,99 @@
+//! A Ling arm that is moved and read at a rate.
+
+use std::mem;
+use std::time::Duration;
+
+use armwire::ling::{JointState, Move, Request};
+
+use super::Ling;
+use crate::error::{Error, TorqueOffEffect};
+use crate::ports::link::LineErrors;
+
+/// A Ling arm that is moved and read without waiting for answers, so that a lost one costs one reading.
+///
+/// Readings come in the order of their requests, but name none: a reading is as old as the line delays it.
+#[derive(Debug)]
+pub struct Stream {
+    arm: Ling,
+    /// The readings that arrived before the last request, and were not received.
+    arrived: Vec<JointState>,
+    /// The last reading in the stream.
+    state: Option<JointState>,
+}
+
+impl Ling {
+    /// The arm, to be moved and read at a rate.
+    pub fn into_stream(self) -> Stream {
+        Stream {
+            arm: self,
+            arrived: Vec::new(),
+            state: None,
+        }
+    }
+}
+
+impl Stream {
+    /// Requests a reading of the joints.
+    ///
+    /// # Errors
+    ///
+    /// The line fails.
+    pub fn request_joints(&mut self) -> Result<(), Error> {
+        let mut readings = Vec::new();
+        let take = |response| readings.extend(JointState::try_from(response));
+        self.arm.link.start_reading(&Request::ReadJoints, take)?;
+        self.note(readings);
+        Ok(())
+    }
+
+    /// The readings that have arrived, after a wait of at most this long for the first byte.
+    ///
+    /// # Errors
+    ///
+    /// The line fails. [`Error::Interrupted`] after a wait without bytes.
+    pub fn receive(&mut self, wait: Duration) -> Result<Vec<JointState>, Error> {
+        let wait = if self.arrived.is_empty() { wait } else { Duration::ZERO };
+        let joints = |response| JointState::try_from(response).ok();
+        let responses = self.arm.link.responses(wait, joints)?.unwrap_or_default();
+        self.note(responses.into_iter().flatten().collect());
+        Ok(mem::take(&mut self.arrived))
+    }
+
+    /// Takes readings.
+    fn note(&mut self, readings: Vec<JointState>) {
+        for state in readings {
+            self.state = Some(state);
+            self.arm.note(&state);
+            self.arrived.push(state);
+        }
+    }
+
+    /// Starts a motion.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::TorqueOff`] if the last reading shows the torque off, [`Error::At`] if there is none since the torque was or
+    /// may have been switched: nothing is sent. The line fails.
+    pub fn move_to(&mut self, target: &Move) -> Result<(), Error> {
+        match (self.arm.may_move, self.state) {
+            (true, _) => self.arm.start(target),
+            (false, Some(state)) => Err(self.arm.without_torque(&state, TorqueOffEffect::MotionEnded)),
+            (false, None) => Err(Error::at(self.name(), "the torque was not read before the first move")),
+        }
+    }
+
+    /// The arm, to be called. No call takes an answer to the stream for its own.
+    pub fn into_arm(self) -> Ling {
+        self.arm
+    }
+
+    /// The port's name, as typed by the user.
+    pub fn name(&self) -> &str {
+        self.arm.name()
+    }
+
+    /// Errors on the line so far.
+    pub fn line_errors(&self) -> LineErrors {
+        self.arm.line_errors()
+    }
+}

@@ -1,0 +1,9 @@
+//! Arms: their requests, and what a motion depends on.
+
+pub(crate) mod alpha1;
+mod legacy;
+pub(crate) mod ling;
+pub(crate) mod pose;
+pub(crate) mod shared;
+mod stop;
+pub(crate) mod xarm;

@@ -1,0 +1,5 @@
+//! The decisions of streamed motions: targets and readings in, moves out. No I/O and no clock.
+
+pub mod follow;
+pub(crate) mod goal;
+pub mod replay;

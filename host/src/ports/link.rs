@@ -1,0 +1,1037 @@
+//! Blocking calls over a line, one at a time.
+
+use std::error;
+use std::fmt;
+use std::ops::Add;
+use std::time::{Duration, Instant};
+
+use armwire::framing::Reason;
+use armwire::messages::OtherAnswer;
+use armwire::{Client, Config, ErrorFrame, Event, Output, xarm};
+
+use crate::describe::Arm;
+use crate::error::Error;
+use crate::error::received::{Missing, Received};
+use crate::ports::line::{Line, Names, Reception};
+use crate::ports::tap::{Tap, Tapped};
+use crate::time::stopwatch::{Stopwatch, after};
+
+/// Buffer size: the longest frame of every protocol fits.
+const BUFFER: usize = xarm::MAX_FRAME;
+/// Number of received bytes kept for hints after a missing answer.
+const MAX_KEPT: usize = 256;
+
+/// Maximum wait for a line between two calls of a program's interrupt.
+const INTERRUPT_PERIOD: Duration = Duration::from_millis(100);
+
+/// The result of a check during waits. Its error ends the wait.
+pub type Interrupt = Result<(), Box<dyn error::Error + Send + Sync>>;
+
+/// The check of a program.
+type Check = Box<dyn FnMut() -> Interrupt + Send>;
+
+/// Errors on a line since it was opened.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct LineErrors {
+    /// Bytes outside frames.
+    pub noise_bytes: usize,
+    /// Frames with a wrong checksum.
+    pub checksums: usize,
+}
+
+impl Add for LineErrors {
+    type Output = Self;
+
+    fn add(self, other: Self) -> Self {
+        Self {
+            noise_bytes: self.noise_bytes + other.noise_bytes,
+            checksums: self.checksums + other.checksums,
+        }
+    }
+}
+
+impl LineErrors {
+    fn count(&mut self, noise: &[u8], reason: Reason) {
+        self.noise_bytes += noise.len();
+        self.checksums += usize::from(matches!(reason, Reason::Checksum { .. }));
+    }
+}
+
+/// An open line with a client on it.
+pub struct Link<P: Arm> {
+    line: Tapped,
+    client: Client<P, BUFFER>,
+    /// Bytes read but not yet passed to the client.
+    unread: Vec<u8>,
+    clock: Stopwatch,
+    stale_window: Duration,
+    interrupt: Option<Check>,
+    /// Text of the interrupt's last error that was not taken. A check may report once, and its error may be dropped.
+    interrupted: Option<String>,
+    errors: LineErrors,
+}
+
+impl<P: Arm> Link<P> {
+    /// A client on this line with the timing in `config`.
+    pub(crate) fn new(line: Box<dyn Line>, config: Config) -> Self {
+        Self {
+            line: Tapped::new(line),
+            client: Client::new(P::default(), config),
+            unread: Vec::new(),
+            clock: Stopwatch::start(),
+            stale_window: config.stale_window.into(),
+            interrupt: None,
+            interrupted: None,
+            errors: LineErrors::default(),
+        }
+    }
+
+    /// The protocol, to change what the next requests are like.
+    pub fn messages_mut(&mut self) -> &mut P {
+        self.client.messages_mut()
+    }
+
+    /// Makes calls run this check at least every 100 ms while they wait. Its error ends the call, as
+    /// [`Error::Interrupted`].
+    pub fn set_interrupt(&mut self, check: impl FnMut() -> Interrupt + Send + 'static) {
+        self.interrupt = Some(Box::new(check));
+    }
+
+    /// Gives `tap` all bytes from now on, in both directions.
+    pub fn set_tap(&mut self, tap: impl Tap + 'static) {
+        self.line.tap = Some(Box::new(tap));
+    }
+
+    /// Runs the interrupt's check.
+    pub(crate) fn check_interrupt(&mut self) -> Result<(), Error> {
+        let Some(interrupt) = &mut self.interrupt else {
+            return Ok(());
+        };
+        interrupt().map_err(|reason| {
+            self.interrupted = Some(reason.to_string());
+            Error::Interrupted(reason)
+        })
+    }
+
+    /// The text of the last error that the interrupt's check returned since this was last called.
+    pub(crate) fn take_interrupted(&mut self) -> Option<String> {
+        self.interrupted.take()
+    }
+
+    /// Runs calls without the interrupt.
+    pub(crate) fn uninterrupted<T>(&mut self, run: impl FnOnce(&mut Self) -> T) -> T {
+        let interrupt = self.interrupt.take();
+        let result = run(self);
+        self.interrupt = interrupt;
+        result
+    }
+
+    /// Makes one call. Returns the answer as converted by `take`, or `None` if the request has none.
+    ///
+    /// # Errors
+    ///
+    /// [`Error`] if the line fails or no acceptable answer arrives.
+    pub fn call<T>(
+        &mut self,
+        request: &P::Request<'_>,
+        take: impl FnOnce(P::Response<'_>) -> T,
+    ) -> Result<Option<T>, Error> {
+        self.client.cancel();
+        self.client
+            .submit(request)
+            .expect("the client is idle, and has room for any request");
+        self.complete(request, take, None)
+    }
+
+    /// Makes one call, as one of many readings at a rate: it waits for no earlier answer, which may even be taken for its
+    /// own, and is not repeated. See [`Client::submit_reading`]. It runs without the interrupt.
+    ///
+    /// `None` if no answer arrives until this time: the call is cancelled then.
+    ///
+    /// # Errors
+    ///
+    /// As of [`call`](Self::call), except for a missing answer.
+    pub(crate) fn read_until<T>(
+        &mut self,
+        request: &P::Request<'_>,
+        until: Instant,
+        take: impl FnOnce(P::Response<'_>) -> T,
+    ) -> Result<Option<T>, Error> {
+        self.uninterrupted(|link| {
+            link.client.cancel();
+            link.client
+                .submit_reading(request)
+                .expect("the client is idle, has room for any request, and this one is a read");
+            link.complete_until(request, take, until)
+        })
+    }
+
+    /// Makes one call without the interrupt. `None` if no answer arrives until this time: the call is cancelled then.
+    ///
+    /// # Errors
+    ///
+    /// As of [`call`](Self::call), except for a missing answer.
+    pub(crate) fn call_until<T>(
+        &mut self,
+        request: &P::Request<'_>,
+        until: Instant,
+        take: impl FnOnce(P::Response<'_>) -> T,
+    ) -> Result<Option<T>, Error> {
+        self.uninterrupted(|link| {
+            link.client.cancel();
+            link.client
+                .submit(request)
+                .expect("the client is idle, and has room for any request");
+            link.complete_until(request, take, until)
+        })
+    }
+
+    /// Completes the submitted call, or cancels it at this time.
+    fn complete_until<T>(
+        &mut self,
+        request: &P::Request<'_>,
+        take: impl FnOnce(P::Response<'_>) -> T,
+        until: Instant,
+    ) -> Result<Option<T>, Error> {
+        match self.complete(request, take, Some(until)) {
+            Err(Error::NoAnswer { .. }) => Ok(None),
+            result => result,
+        }
+    }
+
+    /// Completes the submitted call, or cancels it at `limit`, without an answer then.
+    fn complete<T>(
+        &mut self,
+        request: &P::Request<'_>,
+        take: impl FnOnce(P::Response<'_>) -> T,
+        limit: Option<Instant>,
+    ) -> Result<Option<T>, Error> {
+        let begun = self.clock.now();
+        let errors = self.errors;
+        let mut received = Received::default();
+        let mut is_over = false;
+        loop {
+            let now = self.clock.now();
+            let until = match self.client.poll(now) {
+                Output::Receive => {
+                    self.receive(Duration::ZERO, Some(&mut received))?;
+                    continue;
+                }
+                Output::Transmit(bytes) => {
+                    let n = self.line.write(bytes)?;
+                    self.client
+                        .transmitted(self.clock.now(), n)
+                        .expect("the line wrote no more than there was");
+                    continue;
+                }
+                Output::Timeout(until) => until.unwrap_or_default(),
+                Output::Event(event) => {
+                    match event {
+                        Event::Answer(response) => return Ok(Some(take(response))),
+                        Event::Sent => return Ok(None),
+                        Event::Unacceptable(error) => {
+                            let reason = format_args!("the arm's answer cannot be accepted: {error}");
+                            return Err(Error::unacceptable(self.line.name(), reason));
+                        }
+                        Event::ErrorFrame { frame } => {
+                            return Err(Error::ErrorFrame {
+                                name: self.line.name().into(),
+                                frame: ErrorFrame::new(frame),
+                            });
+                        }
+                        Event::TimedOut { sends } => {
+                            received.sends = sends;
+                            received.millis = now.since(begun).as_micros() / 1_000;
+                            received.checksums = self.errors.checksums - errors.checksums;
+                            return Err(self.no_answer(request, received));
+                        }
+                        Event::Broken { offset, reason } => return Err(self.broken(offset, reason)),
+                        Event::Late(_) => received.late += 1,
+                        Event::Unsolicited(_) => received.frames += 1,
+                        Event::Unknown { error, .. } => {
+                            received.unknown.get_or_insert_with(|| error.to_string());
+                        }
+                        Event::Echo => received.echoes += 1,
+                        Event::Noise { bytes, reason, .. } => self.errors.count(bytes, reason),
+                    }
+                    continue;
+                }
+            };
+            let mut wait = self.clock.until(until);
+            if let Some(limit) = limit {
+                let left = limit.saturating_duration_since(Instant::now());
+                // One more read after the limit: the answer may have arrived while this thread did not run.
+                if left.is_zero() && std::mem::replace(&mut is_over, true) {
+                    self.client.cancel();
+                    return Ok(None);
+                }
+                wait = wait.min(left);
+            }
+            self.receive(wait, Some(&mut received))?;
+        }
+    }
+
+    /// Sends a request whose response has no data, or that has no response.
+    ///
+    /// # Errors
+    ///
+    /// As of [`call`](Self::call), and [`Error::Refused`] if the arm reports a failure.
+    pub fn send(&mut self, request: &P::Request<'_>) -> Result<(), Error> {
+        match self.call(request, |response| P::refusal(&response))?.flatten() {
+            Some(reason) => Err(Error::refused(self.name(), reason)),
+            None => Ok(()),
+        }
+    }
+
+    /// Makes one call, and returns the value of its answer. A silent arm has the stale window to answer late.
+    ///
+    /// # Errors
+    ///
+    /// As of [`call`](Self::call); [`Error::Unacceptable`] if the request has another answer or none, and
+    /// [`Error::Refused`] if the arm reports a failure.
+    pub fn read<T>(&mut self, request: &P::Request<'_>) -> Result<T, Error>
+    where
+        T: for<'a> TryFrom<P::Response<'a>>,
+    {
+        self.read_with(request, |response| T::try_from(response).ok())
+    }
+
+    /// Makes one call, and returns what `take` finds in the answer. Otherwise as [`read`](Self::read).
+    ///
+    /// # Errors
+    ///
+    /// As of [`read`](Self::read).
+    pub fn read_with<T>(
+        &mut self,
+        request: &P::Request<'_>,
+        take: impl FnOnce(P::Response<'_>) -> Option<T>,
+    ) -> Result<T, Error> {
+        let answer = self.call(request, |response| match P::refusal(&response) {
+            None => Ok(take(response).ok_or_else(|| OtherAnswer { got: response }.to_string())),
+            Some(what) => Err(what),
+        });
+        match answer {
+            Ok(Some(Ok(Ok(value)))) => Ok(value),
+            Ok(Some(Err(reason))) => Err(Error::refused(self.name(), reason)),
+            Ok(Some(Ok(Err(other)))) => Err(Error::unacceptable(self.name(), other)),
+            Ok(None) => Err(Error::unacceptable(
+                self.name(),
+                format_args!("'{request}' has no answer"),
+            )),
+            Err(Error::NoAnswer {
+                name,
+                missing: Missing::Silent,
+                bytes,
+                ..
+            }) if self.comes_late()? => Err(Error::NoAnswer {
+                name,
+                missing: Missing::Late,
+                cause: "the answer came too late".into(),
+                hint: "is the arm or the line overloaded?".into(),
+                bytes,
+            }),
+            Err(error) => Err(error),
+        }
+    }
+
+    /// Sends a reading, as one of many at a rate, and does not wait for its answer, which is among the later
+    /// [responses](Self::responses). No call takes it for its own answer. Those that arrived before go to `take`. See
+    /// [`Client::submit_reading`].
+    ///
+    /// # Errors
+    ///
+    /// Errors of the line, and [`Error::Unacceptable`] if the bytes of a connection are no messages.
+    pub(crate) fn start_reading(
+        &mut self,
+        request: &P::Request<'_>,
+        mut take: impl FnMut(P::Response<'_>),
+    ) -> Result<(), Error> {
+        self.client.cancel();
+        self.client
+            .submit_reading(request)
+            .expect("the client is idle, has room for any request, and this one is a read");
+        loop {
+            match self.client.poll(self.clock.now()) {
+                Output::Receive => {
+                    self.receive(Duration::ZERO, None)?;
+                }
+                Output::Transmit(bytes) => {
+                    let n = self.line.write(bytes)?;
+                    self.client
+                        .transmitted(self.clock.now(), n)
+                        .expect("the line wrote no more than there was");
+                }
+                Output::Event(event) => match event {
+                    Event::Answer(response) | Event::Late(response) | Event::Unsolicited(response) => take(response),
+                    Event::Noise { bytes, reason, .. } => self.errors.count(bytes, reason),
+                    Event::Broken { offset, reason } => return Err(self.broken(offset, reason)),
+                    _ => {}
+                },
+                Output::Timeout(_) => return Ok(()),
+            }
+        }
+    }
+
+    /// The arm's responses that no call waits for, converted by `take`, after a wait of at most this long for the first
+    /// byte. `None` if no byte came.
+    ///
+    /// # Errors
+    ///
+    /// Errors of the line, and [`Error::Unacceptable`] if the bytes of a connection are no messages.
+    pub fn responses<T>(
+        &mut self,
+        wait: Duration,
+        mut take: impl FnMut(P::Response<'_>) -> T,
+    ) -> Result<Option<Vec<T>>, Error> {
+        let n = self.receive(wait, None)?;
+        let mut responses = Vec::new();
+        self.take_events(|event| {
+            if let Event::Answer(response) | Event::Late(response) | Event::Unsolicited(response) = event {
+                responses.push(take(response));
+            }
+        })?;
+        Ok((n > 0).then_some(responses))
+    }
+
+    /// Returns true if the answer to a call that timed out arrives within the stale window.
+    ///
+    /// # Errors
+    ///
+    /// As of [`responses`](Self::responses).
+    fn comes_late(&mut self) -> Result<bool, Error> {
+        let until = after(self.stale_window);
+        loop {
+            let left = until.saturating_duration_since(Instant::now());
+            self.receive(left, None)?;
+            let mut is_late = false;
+            self.take_events(|event| is_late |= matches!(event, Event::Late(_)))?;
+            // The wait ends even if bytes do not.
+            if is_late || left.is_zero() {
+                return Ok(is_late);
+            }
+        }
+    }
+
+    /// Passes the events of the received bytes to `take`, and counts noise.
+    ///
+    /// # Errors
+    ///
+    /// The stream is broken.
+    fn take_events(&mut self, mut take: impl FnMut(Event<'_, P::Response<'_>>)) -> Result<(), Error> {
+        let now = self.clock.now();
+        while let Output::Event(event) = self.client.poll(now) {
+            match event {
+                Event::Noise { bytes, reason, .. } => self.errors.count(bytes, reason),
+                Event::Broken { offset, reason } => return Err(self.broken(offset, reason)),
+                event => take(event),
+            }
+        }
+        Ok(())
+    }
+
+    /// The error of a stream that broke at this offset.
+    fn broken(&self, offset: u64, reason: Reason) -> Error {
+        if reason == Reason::Abandoned {
+            let reason = "the connection ended in the middle of a request: open it again";
+            return Error::lost(self.name(), reason);
+        }
+        let name = P::NAME;
+        let reason = format_args!(
+            "the received bytes are no message of {name} (byte {offset}: {reason}): is it this arm, and its control \
+             port?"
+        );
+        Error::unacceptable(self.name(), reason)
+    }
+
+    /// The frame that ended the last call: an answer, which may have more bytes than its response contains. Empty if
+    /// the call ended without one.
+    pub fn frame(&self) -> &[u8] {
+        self.client.frame()
+    }
+
+    /// Errors on the line so far.
+    pub fn line_errors(&self) -> LineErrors {
+        self.errors
+    }
+
+    /// The line's name, as typed by the user.
+    pub fn name(&self) -> &str {
+        self.line.name()
+    }
+
+    /// Passes received bytes to the client, waiting at most this long for the first one. Returns their number.
+    fn receive(&mut self, wait: Duration, received: Option<&mut Received>) -> Result<usize, Error> {
+        if self.unread.is_empty() {
+            let mut buf = [0; 256];
+            let n = match &self.interrupt {
+                None => self.line.read(&mut buf, wait)?,
+                Some(_) => self.line.read(&mut buf, wait.min(INTERRUPT_PERIOD))?,
+            };
+            if n == 0 && !wait.is_zero() {
+                self.check_interrupt()?;
+            }
+            self.unread.extend(&buf[..n]);
+            if let Some(received) = received {
+                received.count += n;
+                let room = MAX_KEPT - received.bytes.len();
+                received.bytes.extend(buf[..n].iter().take(room));
+            }
+        }
+        let left = self.client.receive(self.clock.now(), &self.unread).len();
+        let n = self.unread.len() - left;
+        self.unread.drain(..n);
+        Ok(n)
+    }
+
+    fn no_answer(&mut self, request: &P::Request<'_>, mut received: Received) -> Error {
+        received.begun = is_begun::<P>(request, &received.bytes);
+        let reception = match received.count {
+            0 => Reception::Silence,
+            _ => Reception::Garbage,
+        };
+        let names = Names {
+            arm: P::NAME,
+            other: P::OTHER,
+        };
+        let (cause, hint) = received.cause(P::NAME, self.line.hint(reception, names));
+        Error::NoAnswer {
+            name: self.line.name().into(),
+            cause: cause.into(),
+            hint,
+            missing: received.missing(),
+            bytes: received.count,
+        }
+    }
+}
+
+impl<P: Arm> fmt::Debug for Link<P> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Link")
+            .field("name", &self.name())
+            .field("protocol", &P::PROTOCOL)
+            .field("errors", &self.errors)
+            .finish_non_exhaustive()
+    }
+}
+
+/// Returns true if an answer to the request begins somewhere in the bytes: the request's header, followed by another
+/// byte. Its end may be lost.
+fn is_begun<P: Arm>(request: &P::Request<'_>, bytes: &[u8]) -> bool {
+    let mut out = [0; BUFFER];
+    let sent = P::default().encode_request(request, &mut out).unwrap_or(0);
+    let (header, next) = (&out[..P::HEADER], out[P::HEADER]);
+    let answered = |window: &[u8]| window.starts_with(header) && window[P::HEADER] != next;
+    !P::LOSSLESS && sent > P::HEADER && bytes.windows(P::HEADER + 1).any(answered)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::cell::Cell;
+    use std::collections::VecDeque;
+    use std::sync::{Arc, Mutex};
+
+    use armwire::alpha1::{self, Alpha1, Outcome};
+    use armwire::framing::Framing;
+    use armwire::ling::{
+        Frame, GripperSpeed, JointState, Ling, MAX_FRAME, MotionStatus, Move, Opening, Position, Request, Response,
+        Speed, Stroke, TemperatureLimit, Torque,
+    };
+    use armwire::messages::Messages;
+    use armwire::xarm::XArm;
+    use armwire::{Device, DeviceEvent};
+
+    use super::*;
+    use crate::error::text::Text;
+
+    /// An arm's answer with all joints at this position.
+    fn joints(ticks: u16) -> Vec<u8> {
+        let response = Response::Joints(JointState {
+            joints: [ticks; 6],
+            gripper: 0,
+            status: MotionStatus::Idle,
+        });
+        let mut out = [0; MAX_FRAME];
+        let n = Ling.encode_response(&response, None, &mut out).unwrap();
+        out[..n].to_vec()
+    }
+
+    /// An arm that gives each request an answer, by how many there were.
+    struct Answering {
+        answer: fn(u16) -> Vec<u8>,
+        answers: VecDeque<Vec<u8>>,
+        requests: u16,
+    }
+
+    impl Answering {
+        fn new(answer: fn(u16) -> Vec<u8>) -> Arc<Mutex<Self>> {
+            Arc::new(Mutex::new(Self {
+                answer,
+                answers: VecDeque::new(),
+                requests: 0,
+            }))
+        }
+    }
+
+    impl Line for Arc<Mutex<Answering>> {
+        fn name(&self) -> &str {
+            "fake"
+        }
+
+        fn read(&mut self, buf: &mut [u8], _: Duration) -> Result<usize, Error> {
+            let answer = self.lock().unwrap().answers.pop_front().unwrap_or_default();
+            buf[..answer.len()].copy_from_slice(&answer);
+            Ok(answer.len())
+        }
+
+        fn write(&mut self, bytes: &[u8]) -> Result<usize, Error> {
+            let arm = &mut *self.lock().unwrap();
+            arm.requests += 1;
+            let answer = (arm.answer)(arm.requests);
+            arm.answers.push_back(answer);
+            Ok(bytes.len())
+        }
+
+        fn hint(&self, _: Reception, _: Names) -> Text {
+            unreachable!("it answers")
+        }
+    }
+
+    #[test]
+    fn lost_answer_does_not_delay_the_next_reading() {
+        let arm = Answering::new(|number| if number == 1 { Vec::new() } else { joints(number) });
+        let mut link = Link::<Ling>::new(Box::new(Arc::clone(&arm)), Ling::CONFIG);
+        let mut read = || {
+            let take = |response| JointState::try_from(response).ok();
+            link.read_until(&Request::ReadJoints, Instant::now(), take).unwrap()
+        };
+        assert_eq!(read(), None);
+        assert_eq!(arm.lock().unwrap().requests, 1, "it is not repeated");
+        let state = read().flatten().unwrap();
+        assert_eq!(state.joints, [2; 6]);
+        assert_eq!(arm.lock().unwrap().requests, 2);
+    }
+
+    #[test]
+    fn reading_runs_without_the_interrupt() {
+        let mut link = Link::<Ling>::new(Box::new(Answering::new(|_| Vec::new())), Ling::CONFIG);
+        link.set_interrupt(|| Err("Ctrl-C".into()));
+        let until = Instant::now() + Duration::from_millis(2);
+        assert!(matches!(link.read_until(&Request::ReadJoints, until, drop), Ok(None)));
+        assert!(matches!(
+            link.call(&Request::ReadJoints, drop),
+            Err(Error::Interrupted(_))
+        ));
+    }
+
+    /// The answer with a gripper stroke that no gripper has.
+    fn unknown_stroke(_: u16) -> Vec<u8> {
+        let mut out = [0; MAX_FRAME];
+        let frame = Frame {
+            command: 0x04,
+            function: 0x0E,
+            data: &[3],
+        };
+        let n = frame.encode(&mut out).unwrap();
+        out[..n].to_vec()
+    }
+
+    #[test]
+    fn unacceptable_answer_ends_the_call_with_its_reason() {
+        let arm = Answering::new(unknown_stroke);
+        let mut link = Link::<Ling>::new(Box::new(Arc::clone(&arm)), Ling::CONFIG);
+        let error = link.call(&Request::ReadStroke, drop).unwrap_err();
+        assert_eq!(
+            error.to_string(),
+            "fake: the arm's answer cannot be accepted: command 04 function 0E: gripper stroke type is 3, must be 0..=2 \
+             (data byte 0)"
+        );
+        assert_eq!(arm.lock().unwrap().requests, 1);
+    }
+
+    /// A line that accepts so many bytes, and then no write once.
+    struct Breaking {
+        left: usize,
+        is_broken: bool,
+        sent: Arc<Mutex<Vec<u8>>>,
+    }
+
+    impl Line for Breaking {
+        fn name(&self) -> &str {
+            "fake"
+        }
+
+        fn read(&mut self, _: &mut [u8], _: Duration) -> Result<usize, Error> {
+            Ok(0)
+        }
+
+        fn write(&mut self, bytes: &[u8]) -> Result<usize, Error> {
+            if self.left == 0 && !self.is_broken {
+                self.is_broken = true;
+                return Err(Error::at("fake", "no"));
+            }
+            let n = if self.is_broken {
+                bytes.len()
+            } else {
+                bytes.len().min(self.left)
+            };
+            self.left -= n.min(self.left);
+            self.sent.lock().unwrap().extend(&bytes[..n]);
+            Ok(n)
+        }
+
+        fn hint(&self, _: Reception, _: Names) -> Text {
+            Text::default()
+        }
+    }
+
+    /// A link whose line breaks after so many bytes, and what is sent on it.
+    fn breaking(left: usize) -> (Link<Ling>, Arc<Mutex<Vec<u8>>>) {
+        let sent = Arc::default();
+        let line = Breaking {
+            left,
+            is_broken: false,
+            sent: Arc::clone(&sent),
+        };
+        (Link::new(Box::new(line), Ling::CONFIG), sent)
+    }
+
+    #[test]
+    fn reading_does_not_complete_a_move() {
+        let (mut link, sent) = breaking(10);
+        let target = Move {
+            joints: [(Position::CENTRE, Speed::MAX); 6],
+            gripper: (Opening::OPEN, GripperSpeed(1_000)),
+        };
+        assert!(link.send(&Request::Move(target)).is_err());
+        link.start_reading(&Request::ReadJoints, drop).unwrap();
+        let sent = sent.lock().unwrap();
+        let (void, read) = sent[10..].split_at(Ling::LONGEST);
+        assert!(void.iter().all(|byte| *byte == 0), "{void:02X?}");
+        assert_eq!(read, [0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF]);
+    }
+
+    #[test]
+    fn half_sent_reading_is_void() {
+        let (mut link, sent) = breaking(3);
+        let error = link.start_reading(&Request::ReadJoints, drop).unwrap_err();
+        assert!(matches!(error, Error::At { .. }), "{error:?}");
+        link.send(&Request::SetTorque(Torque::Off)).unwrap();
+        let sent = sent.lock().unwrap();
+        assert!(sent[3..3 + Ling::LONGEST].iter().all(|byte| *byte == 0), "{sent:02X?}");
+        assert_eq!(sent.len(), 3 + Ling::LONGEST + 7);
+    }
+
+    #[test]
+    fn call_takes_no_answer_of_a_reading() {
+        let arm = Answering::new(joints);
+        let mut link = Link::<Ling>::new(Box::new(Arc::clone(&arm)), Ling::CONFIG);
+        link.start_reading(&Request::ReadJoints, drop).unwrap();
+        let state: JointState = link.read(&Request::ReadJoints).unwrap();
+        assert_eq!(state.joints, [2; 6]);
+    }
+
+    #[test]
+    fn each_reading_has_its_response() {
+        let arm = Answering::new(|number| if number == 2 { Vec::new() } else { joints(number) });
+        let mut link = Link::<Ling>::new(Box::new(Arc::clone(&arm)), Ling::CONFIG);
+        let mut readings = Vec::new();
+        for _ in 0..4 {
+            let mut take = |response| readings.extend(JointState::try_from(response));
+            link.start_reading(&Request::ReadJoints, &mut take).unwrap();
+            link.responses(Duration::ZERO, take).unwrap();
+        }
+        let ticks: Vec<_> = readings.iter().map(|state| state.joints[0]).collect();
+        assert_eq!(ticks, [1, 3, 4]);
+    }
+
+    /// An arm's error frame.
+    fn error_frame(_: u16) -> Vec<u8> {
+        let mut out = [0; MAX_FRAME];
+        let frame = Frame {
+            command: 0xEE,
+            function: 0x00,
+            data: &[0x01, 0x03],
+        };
+        let n = frame.encode(&mut out).unwrap();
+        out[..n].to_vec()
+    }
+
+    #[test]
+    fn error_frame_ends_the_call_with_its_bytes() {
+        let arm = Answering::new(error_frame);
+        let mut link = Link::<Ling>::new(Box::new(Arc::clone(&arm)), Ling::CONFIG);
+        let error = link.call(&Request::ReadJoints, drop).unwrap_err();
+        assert_eq!(
+            error.to_string(),
+            "fake: the arm answered with an error frame, which no document explains: AA EE 00 02 01 03 36 FF"
+        );
+        assert_eq!(arm.lock().unwrap().requests, 1);
+    }
+
+    #[test]
+    fn another_answer_ends_the_read_with_its_text() {
+        let arm = Answering::new(joints);
+        let mut link = Link::<Ling>::new(Box::new(Arc::clone(&arm)), Ling::CONFIG);
+        let state: JointState = link.read(&Request::ReadJoints).unwrap();
+        assert_eq!(state.joints, [1; 6]);
+        let error = link.read::<Stroke>(&Request::ReadJoints).unwrap_err();
+        assert_eq!(
+            error.to_string(),
+            "fake: another answer: joints: -179.82° -179.82° -179.82° -179.82° -179.82° -179.82°, gripper: 0.0 % open, \
+             status: idle"
+        );
+        let error = link.read::<JointState>(&Request::SetTorque(Torque::Off)).unwrap_err();
+        assert_eq!(error.to_string(), "fake: 'torque off' has no answer");
+    }
+
+    /// An Alpha1's report of a stop that failed.
+    fn failed_stop(_: u16) -> Vec<u8> {
+        let mut out = [0; alpha1::MAX_FRAME];
+        let response = alpha1::Response::Stopped(Outcome::Failure);
+        let n = Alpha1.encode_response(&response, None, &mut out).unwrap();
+        out[..n].to_vec()
+    }
+
+    #[test]
+    fn refused_request_is_not_sent_with_success() {
+        let robot = Answering::new(failed_stop);
+        let mut link = Link::<Alpha1>::new(Box::new(robot), Alpha1::CONFIG);
+        let error = link.send(&alpha1::Request::Stop).unwrap_err();
+        assert!(matches!(error, Error::Refused { .. }), "{error:?}");
+    }
+
+    /// A line on which noise, of this byte, does not end.
+    struct Noisy(u8);
+
+    impl Line for Noisy {
+        fn name(&self) -> &str {
+            "fake"
+        }
+
+        fn read(&mut self, buf: &mut [u8], _: Duration) -> Result<usize, Error> {
+            buf.fill(self.0);
+            Ok(buf.len())
+        }
+
+        fn write(&mut self, bytes: &[u8]) -> Result<usize, Error> {
+            Ok(bytes.len())
+        }
+
+        fn hint(&self, _: Reception, _: Names) -> Text {
+            Text::default()
+        }
+    }
+
+    /// A line whose second write fails, after one of five bytes.
+    #[derive(Default)]
+    struct Failing {
+        writes: usize,
+        written: Vec<u8>,
+    }
+
+    impl Line for Arc<Mutex<Failing>> {
+        fn name(&self) -> &str {
+            "fake"
+        }
+
+        fn read(&mut self, _: &mut [u8], _: Duration) -> Result<usize, Error> {
+            Ok(0)
+        }
+
+        fn write(&mut self, bytes: &[u8]) -> Result<usize, Error> {
+            let line = &mut *self.lock().unwrap();
+            line.writes += 1;
+            let n = match line.writes {
+                1 => 5,
+                2 => return Err(Error::at("fake", "no")),
+                _ => bytes.len(),
+            };
+            line.written.extend(&bytes[..n]);
+            Ok(n)
+        }
+
+        fn hint(&self, _: Reception, _: Names) -> Text {
+            Text::default()
+        }
+    }
+
+    #[test]
+    fn half_sent_motion_never_reaches_the_arm() {
+        let line = Arc::new(Mutex::new(Failing::default()));
+        let mut link = Link::<Ling>::new(Box::new(Arc::clone(&line)), Ling::CONFIG);
+        let (position, speed) = (Position::new(2048).unwrap(), Speed::new(100).unwrap());
+        let motion = Request::Move(Move {
+            joints: [(position, speed); 6],
+            gripper: (Opening::new(500).unwrap(), GripperSpeed(1000)),
+        });
+        assert!(matches!(link.call(&motion, drop), Err(Error::At { .. })));
+        assert!(matches!(link.call(&Request::SetTorque(Torque::Off), drop), Ok(None)));
+        let mut out = [0; MAX_FRAME];
+        Ling.encode_request(&motion, &mut out).unwrap();
+        let mut expected = out[..5].to_vec();
+        expected.resize(5 + Ling::LONGEST, 0);
+        let n = Ling.encode_request(&Request::SetTorque(Torque::Off), &mut out).unwrap();
+        expected.extend(&out[..n]);
+        assert_eq!(line.lock().unwrap().written, expected);
+    }
+
+    #[test]
+    fn half_sent_request_ends_a_tcp_connection() {
+        let line = Arc::new(Mutex::new(Failing::default()));
+        let mut link = Link::<XArm>::new(Box::new(Arc::clone(&line)), XArm::CONFIG);
+        assert!(matches!(
+            link.call(&xarm::Request::ReadVersion, |_| ()),
+            Err(Error::At { .. })
+        ));
+        for _ in 0..2 {
+            let error = link.call(&xarm::Request::ReadVersion, |_| ()).unwrap_err();
+            let text = "fake: the connection ended in the middle of a request: open it again";
+            assert_eq!(error.to_string(), text);
+        }
+        assert_eq!(line.lock().unwrap().written.len(), 5);
+    }
+
+    thread_local! {
+        /// The state of the random numbers of this test's line and interrupt.
+        static RANDOM: Cell<u64> = const { Cell::new(1) };
+    }
+
+    /// A random number below `bound`.
+    fn below(bound: usize) -> usize {
+        RANDOM.set(RANDOM.get().wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1));
+        (RANDOM.get() >> 33) as usize % bound
+    }
+
+    /// A line that fails, and accepts and returns bytes in pieces, at random. Its arm answers late.
+    struct Random {
+        arm: Device<Ling, MAX_FRAME>,
+        /// The request in flight.
+        current: Option<Request>,
+        /// The number of requests that the arm has executed, which is in its answers.
+        executed: u16,
+        /// Answers that have not arrived, and bytes that have.
+        answers: VecDeque<Vec<u8>>,
+        arrived: VecDeque<u8>,
+    }
+
+    impl Line for Arc<Mutex<Random>> {
+        fn name(&self) -> &str {
+            "fake"
+        }
+
+        fn read(&mut self, buf: &mut [u8], wait: Duration) -> Result<usize, Error> {
+            let line = &mut *self.lock().unwrap();
+            if !wait.is_zero() && below(4) == 0 {
+                line.arrived.extend(line.answers.pop_front().unwrap_or_default());
+            }
+            let n = line.arrived.len().min(1 + below(buf.len()));
+            buf.iter_mut()
+                .zip(line.arrived.drain(..n))
+                .for_each(|(to, byte)| *to = byte);
+            Ok(n)
+        }
+
+        fn write(&mut self, bytes: &[u8]) -> Result<usize, Error> {
+            if below(8) == 0 {
+                return Err(Error::at("fake", "no"));
+            }
+            let line = &mut *self.lock().unwrap();
+            let n = 1 + below(bytes.len());
+            assert!(line.arm.receive(&bytes[..n]).is_empty());
+            while let Some(event) = line.arm.poll() {
+                if let DeviceEvent::Request { request, .. } = event {
+                    assert_eq!(Some(request), line.current, "its call has ended");
+                    line.executed += 1;
+                    line.answers
+                        .extend((request == Request::ReadJoints).then(|| joints(line.executed)));
+                }
+            }
+            Ok(n)
+        }
+
+        fn hint(&self, _: Reception, _: Names) -> Text {
+            String::new().into()
+        }
+    }
+
+    #[test]
+    fn calls_that_fail_anywhere_leave_nothing_behind() {
+        let line = Arc::new(Mutex::new(Random {
+            arm: Device::new(Ling),
+            current: None,
+            executed: 0,
+            answers: VecDeque::new(),
+            arrived: VecDeque::new(),
+        }));
+        let mut link = Link::<Ling>::new(Box::new(Arc::clone(&line)), Ling::CONFIG);
+        link.set_interrupt(|| match below(8) {
+            0 => Err("enough".into()),
+            _ => Ok(()),
+        });
+        let (mut answered, mut failed) = (0, 0);
+        for celsius in (0..=200).cycle().take(20_000) {
+            let setting = Request::SetTemperatureLimit(TemperatureLimit::new(celsius).unwrap());
+            let request = [Request::ReadJoints, setting][below(2)];
+            let earlier = {
+                let mut line = line.lock().unwrap();
+                line.current = Some(request);
+                line.executed
+            };
+            match link.call(&request, |response| response) {
+                Ok(Some(Response::Joints(state))) => {
+                    assert!(state.joints[0] > earlier, "{} after {earlier}", state.joints[0]);
+                    answered += 1;
+                }
+                Ok(None) => assert_eq!(line.lock().unwrap().executed, earlier + 1),
+                Ok(other) => panic!("{other:?}"),
+                Err(Error::At { .. } | Error::Interrupted(_) | Error::NoAnswer { .. }) => failed += 1,
+                Err(error) => panic!("{error}"),
+            }
+            line.lock().unwrap().current = None;
+        }
+        assert!(
+            answered > 1_000 && failed > 1_000,
+            "{answered} answered, {failed} failed"
+        );
+    }
+
+    #[test]
+    fn endless_noise_ends_the_wait_for_late_answers() {
+        let mut link = Link::<Ling>::new(Box::new(Noisy(0)), Ling::CONFIG);
+        assert!(matches!(link.comes_late(), Ok(false)));
+    }
+
+    #[test]
+    fn broken_stream_is_an_error_without_a_call() {
+        let link = || Link::<XArm>::new(Box::new(Noisy(0xFF)), XArm::CONFIG);
+        for error in [
+            link().responses(Duration::ZERO, |_| ()).unwrap_err(),
+            link().comes_late().unwrap_err(),
+        ] {
+            assert!(matches!(error, Error::Unacceptable { .. }), "{error:?}");
+        }
+    }
+
+    #[test]
+    fn interrupt_ends_a_call_with_its_reason() {
+        let silent = Answering::new(|_| Vec::new());
+        let mut link = Link::<Ling>::new(Box::new(silent), Ling::CONFIG);
+        link.set_interrupt(|| Err("enough".into()));
+        let error = link.call(&Request::ReadJoints, drop).unwrap_err();
+        assert!(matches!(&error, Error::Interrupted(reason) if reason.to_string() == "enough"));
+    }
+
+    #[test]
+    fn stale_answer_is_not_taken_for_the_next() {
+        let arm = Answering::new(joints);
+        let mut link = Link::<Ling>::new(Box::new(Arc::clone(&arm)), Ling::CONFIG);
+        for _ in 0..3 {
+            arm.lock().unwrap().answers.push_back(joints(4000));
+            let Ok(Some(Response::Joints(state))) = link.call(&Request::ReadJoints, |response| response) else {
+                panic!("no answer");
+            };
+            assert_eq!(state.joints, [arm.lock().unwrap().requests; 6]);
+        }
+    }
+}

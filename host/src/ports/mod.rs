@@ -1,0 +1,17 @@
+//! The ports of this computer: from the name that a user types, to a line, and to a link with the protocol's rules on it.
+
+pub mod adapter;
+pub(crate) mod available;
+mod can;
+pub mod control;
+pub(crate) mod hid;
+pub(crate) mod line;
+pub mod line_holder;
+pub(crate) mod link;
+pub(crate) mod port;
+mod port_holder;
+mod serial;
+pub mod settings;
+pub(crate) mod system;
+pub(crate) mod tap;
+pub(crate) mod tcp;

@@ -1,0 +1,458 @@
+//! The port of an arm or an adapter: its text, and the connection to it.
+
+use std::fmt;
+use std::io::ErrorKind;
+use std::num::NonZeroU32;
+use std::path::Path;
+use std::str::FromStr;
+
+use armwire::ling::legacy::Legacy;
+use armwire::{Config, time};
+use armwire_bridge::can::{Function, Node};
+use armwire_bridge::slcan::{BIT_RATES, BitRate};
+
+use crate::describe::{Arm, Protocol};
+use crate::error::Error;
+use crate::error::received::Missing;
+use crate::error::text::{Remedy, Text};
+use crate::ports::can::{self, CanLine, SharedBus};
+use crate::ports::control::Adapter;
+use crate::ports::control::usb::UsbLine;
+use crate::ports::hid::{self, Selector};
+use crate::ports::line::Line;
+use crate::ports::line_holder;
+use crate::ports::link::Link;
+use crate::ports::serial::{self, Serial};
+use crate::ports::tcp::{Tcp, TcpAddress};
+
+/// Maximum delay that a server adds to an answer, and the stale window behind it.
+const TCP: Config = Config::TCP;
+/// Maximum delay that CAN adds to an answer: its frames at 125 kbit/s, and the turns of other hosts.
+const CAN_LATENCY: time::Duration = time::Duration::from_millis(100);
+/// Default bit rate of a CAN bus: the default of an adapter.
+const BIT_RATE: BitRate = BitRate::MAX;
+/// Default baud rate of an SLCAN adapter. An adapter on USB ignores it.
+const SLCAN_BAUD: u32 = 115_200;
+
+/// Baud rate of a control port of its own, which ignores it.
+const CONTROL_BAUD: u32 = 115_200;
+
+/// A connection to a port by its text, such as `/dev/ttyUSB0`: see [`Port`]. Nothing but a bus is opened yet: see
+/// [`Port::open`].
+///
+/// # Errors
+///
+/// The text is no port, or the CAN bus cannot be opened.
+pub fn open(port: &str) -> Result<Connection, Error> {
+    let port: Port = port.parse()?;
+    port.open(Options::default())
+}
+
+/// Options for opening a port.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct Options {
+    /// Baud rate of this computer's serial port. The default is the arm's.
+    pub baud: Option<NonZeroU32>,
+}
+
+impl Options {
+    /// The options with this baud rate.
+    #[must_use]
+    pub const fn with_baud(self, baud: Option<NonZeroU32>) -> Self {
+        Self { baud }
+    }
+}
+
+/// A port: its text, such as `can:can0/3`, [parsed](FromStr).
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Port {
+    /// A serial port of the system, such as `/dev/ttyACM0` or `COM3`, or a pty.
+    Serial(String),
+    /// `tcp:HOST:PORT`: a server of a serial port.
+    Tcp(TcpAddress),
+    /// `can:IFACE[/NODE]`: an adapter on a CAN bus of Linux.
+    Can {
+        /// The interface, such as `can0`.
+        interface: String,
+        /// The adapter's node id.
+        node: Node,
+    },
+    /// `slcan:PORT[@BITRATE][/NODE]`: an adapter on the bus of a CAN adapter with the SLCAN protocol.
+    Slcan {
+        /// The serial port of the CAN adapter.
+        port: String,
+        /// The bit rate of the bus.
+        bit_rate: BitRate,
+        /// The adapter's node id.
+        node: Node,
+    },
+    /// `hid:`, `hid:VID:PID` or `hid:NAME`: an Alpha1 as a HID device on USB.
+    Hid(Selector),
+    /// `control:PORT`: only the control port, on a port of its own, as the virtual board has it.
+    Control(String),
+}
+
+/// [`Error::Port`] if the text names no port.
+impl FromStr for Port {
+    type Err = Error;
+
+    fn from_str(text: &str) -> Result<Self, Error> {
+        parse(text).map_err(|reason| Error::Port(reason.into()))
+    }
+}
+
+/// The port of this text, or the reason why it is none.
+fn parse(text: &str) -> Result<Port, String> {
+    let Some((kind, rest)) = text.split_once(':') else {
+        return Ok(Port::Serial(non_empty(text, text)?));
+    };
+    Ok(match kind {
+        "tcp" => Port::Tcp(TcpAddress::parse(rest, None)?),
+        "can" => {
+            let (interface, node) = split_node(rest)?;
+            let interface = non_empty(interface, text)?;
+            Port::Can { interface, node }
+        }
+        "slcan" => {
+            let (port, bit_rate, node) = match rest.rsplit_once('@') {
+                Some((port, bus)) => {
+                    let (rate, node) = split_node(bus)?;
+                    let bit_rate = rate.parse().ok().and_then(BitRate::new).ok_or_else(|| {
+                        let rates = BIT_RATES.map(|rate| rate.to_string()).join(", ");
+                        format!("'{text}': bit rate '{rate}' is not an SLCAN bit rate: {rates}")
+                    })?;
+                    (port, bit_rate, node)
+                }
+                None if ends_with_node(rest) => {
+                    let (port, node) = split_node(rest)?;
+                    (port, BIT_RATE, node)
+                }
+                None => (rest, BIT_RATE, Node::default()),
+            };
+            let port = non_empty(port, text)?;
+            Port::Slcan { port, bit_rate, node }
+        }
+        "hid" => Port::Hid(Selector::parse(rest)),
+        "control" => Port::Control(non_empty(rest, text)?),
+        // A path may contain colons, for example under /dev/serial/by-path.
+        _ => Port::Serial(text.to_owned()),
+    })
+}
+
+/// The name of the port in `text`. An empty name is an error.
+fn non_empty(name: &str, text: &str) -> Result<String, String> {
+    match name {
+        "" => Err(format!("'{text}': the port's name is missing")),
+        name => Ok(name.to_owned()),
+    }
+}
+
+/// Splits the text at the last slash into its front and the node. The default is node 0.
+fn split_node(text: &str) -> Result<(&str, Node), String> {
+    let Some((front, node)) = text.rsplit_once('/') else {
+        return Ok((text, Node::default()));
+    };
+    let number: u8 = node.parse().map_err(|_| {
+        format!(
+            "'{node}' after the last slash is not a node id, 0 to {}",
+            Node::MAX.get()
+        )
+    })?;
+    Ok((front, Node::new(number).map_err(|error| error.to_string())?))
+}
+
+/// Returns true if a node follows the last slash. After a folder, such as /dev/pts, the number is part of the path.
+fn ends_with_node(text: &str) -> bool {
+    let is_number = |text: &str| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
+    text.rsplit_once('/')
+        .is_some_and(|(front, node)| is_number(node) && !Path::new(front).is_dir())
+}
+
+/// The text that is parsed, completed by the defaults. Node 0 is left out.
+impl fmt::Display for Port {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let node = match self {
+            Self::Serial(port) => return f.write_str(port),
+            Self::Tcp(host) => return write!(f, "tcp:{host}"),
+            Self::Hid(selector) => return write!(f, "hid:{selector}"),
+            Self::Control(port) => return write!(f, "control:{port}"),
+            Self::Can { interface, node } => {
+                write!(f, "can:{interface}")?;
+                node
+            }
+            Self::Slcan { port, bit_rate, node } => {
+                write!(f, "slcan:{port}@{}", bit_rate.bits_per_second())?;
+                node
+            }
+        };
+        match node.get() {
+            0 => Ok(()),
+            node => write!(f, "/{node}"),
+        }
+    }
+}
+
+impl Port {
+    /// The error of a serial port that this computer does not have.
+    pub fn not_found(name: &str) -> Error {
+        serial::not_opened(name, &ErrorKind::NotFound.into())
+    }
+
+    /// Parses the text of a control port: a path alone is the path of a control port.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Port`] if the text names no port.
+    pub fn of_control(text: &str) -> Result<Self, Error> {
+        Ok(match text.parse()? {
+            Self::Serial(port) => Self::Control(port),
+            other => other,
+        })
+    }
+
+    /// Opens the bus of a port on CAN. Any other port is opened with its arm or its control port, and is not touched
+    /// before.
+    ///
+    /// # Errors
+    ///
+    /// The bus cannot be opened. [`Error::Baud`] if the port has no baud rate to set.
+    pub fn open(&self, options: Options) -> Result<Connection, Error> {
+        let Options { baud } = options;
+        if baud.is_some() && !matches!(self, Self::Serial(_) | Self::Slcan { .. }) {
+            return Err(Error::Baud {
+                name: self.to_string().into(),
+            });
+        }
+        let bus = match self {
+            Self::Serial(_) | Self::Tcp(_) | Self::Hid(_) | Self::Control(_) => None,
+            Self::Can { interface, node } => Some(can::open_interface(self.to_string(), interface, *node)?),
+            Self::Slcan { port, bit_rate, .. } => {
+                let serial = Serial::open(port, baud.map_or(SLCAN_BAUD, NonZeroU32::get))?;
+                Some(can::open_slcan(serial, *bit_rate)?)
+            }
+        };
+        let port = self.clone();
+        Ok(Connection { port, baud, bus })
+    }
+}
+
+/// A port to open an arm or an adapter on. On CAN it has the open bus, which a clone shares, with one arm and one
+/// control port at a time: a second is [`Error::InUse`].
+#[derive(Clone)]
+pub struct Connection {
+    port: Port,
+    baud: Option<NonZeroU32>,
+    /// The bus of a port on CAN.
+    bus: Option<SharedBus>,
+}
+
+impl fmt::Debug for Connection {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Connection")
+            .field("port", &self.port)
+            .field("baud", &self.baud)
+            .finish_non_exhaustive()
+    }
+}
+
+impl Connection {
+    /// Returns true for a control port without an arm.
+    pub fn is_control(&self) -> bool {
+        matches!(self.port, Port::Control(_))
+    }
+
+    /// Returns true for a HID device. Only an Alpha1 is one.
+    pub fn is_hid(&self) -> bool {
+        matches!(self.port, Port::Hid(_))
+    }
+
+    /// Opens the line of a Ling arm of the older generation. It is only read:
+    /// [`responses`](Link::responses) returns what it sends, and nothing can be sent to it.
+    ///
+    /// # Errors
+    ///
+    /// The line cannot be opened.
+    pub fn legacy(&self) -> Result<Link<Legacy>, Error> {
+        self.arm()
+    }
+
+    /// Opens the line of an arm, other than a [Ling arm](Self::ling).
+    pub(crate) fn arm<P: Arm>(&self) -> Result<Link<P>, Error> {
+        let (line, config) = self.line::<P>()?;
+        Ok(Link::new(line, config))
+    }
+
+    /// Opens the arm's line, and returns its timing.
+    pub(crate) fn line<P: Arm>(&self) -> Result<(Box<dyn Line>, Config), Error> {
+        let usual = P::CONFIG;
+        Ok(match &self.port {
+            Port::Serial(port) => {
+                let baud = self.baud.unwrap_or(usual.baud);
+                (Box::new(Serial::open(port, baud.get())?), Config { baud, ..usual })
+            }
+            Port::Tcp(host) => {
+                let config = Config {
+                    latency: usual.latency + TCP.latency,
+                    stale_window: TCP.stale_window,
+                    ..usual
+                };
+                (Box::new(Tcp::connect(host, true)?), config)
+            }
+            Port::Hid(_) if !P::ON_HID => {
+                let text = Text::from(format!("{} is a HID device, and only an alpha1 is one", self.port));
+                return Err(Error::Port(text.remedy(Remedy::OpenAs(Protocol::Alpha1))));
+            }
+            Port::Hid(selector) => (hid::open(selector)?, usual),
+            Port::Can { node, .. } | Port::Slcan { node, .. } => {
+                let line = self.on_can(*node, Function::ArmRequest, Function::ArmAnswer)?;
+                let latency = usual.latency + CAN_LATENCY;
+                (Box::new(line), Config { latency, ..usual })
+            }
+            Port::Control(_) => {
+                let text = format!("{} is a control port: there is no arm on it", self.port);
+                return Err(Error::Port(text.into()));
+            }
+        })
+    }
+
+    /// Opens the adapter's control port. On CAN it is on the bus of the arm.
+    ///
+    /// # Errors
+    ///
+    /// The port has no control port, or it cannot be opened. On CAN, [`Error::InUse`] while this connection has one.
+    pub fn adapter(&self) -> Result<Adapter, Error> {
+        match &self.port {
+            Port::Serial(port) => Ok(Adapter::on_line(Box::new(UsbLine::open(port)?))),
+            Port::Control(port) => Ok(Adapter::on_line(Box::new(Serial::open(port, CONTROL_BAUD)?))),
+            Port::Can { node, .. } | Port::Slcan { node, .. } => {
+                let line = self.on_can(*node, Function::ControlRequest, Function::ControlAnswer)?;
+                Ok(Adapter::new(Box::new(line)))
+            }
+            Port::Tcp(_) | Port::Hid(_) => Err(Error::NoControl {
+                name: self.port.to_string().into(),
+            }),
+        }
+    }
+
+    /// The name of the adapter on this port, if it is in [recovery](crate::RECOVERY). `None` if that cannot be known: the
+    /// port has no adapter, another program has its control port, or it is on CAN, where an adapter in recovery is silent.
+    pub fn adapter_in_recovery(&self) -> Option<String> {
+        let Port::Serial(_) = &self.port else {
+            return None;
+        };
+        let mut control = self.adapter().ok()?;
+        let is_in_recovery = control.is_in_recovery().ok()?;
+        is_in_recovery.then(|| control.name().to_owned())
+    }
+
+    /// Adds to the error of a missing answer on CAN what the adapters know: who holds the line to the arm, or which errors
+    /// the bus has. It asks them, which takes up to 3 s. Other errors are unchanged.
+    #[must_use]
+    pub fn explain(&self, mut error: Error) -> Error {
+        if let (Some(bus), Error::NoAnswer { hint, missing, .. }) = (&self.bus, &mut error)
+            && let Missing::Silent | Missing::Adapter = missing
+        {
+            // The request for the holder reads the state, too, which clears it.
+            let state = bus.error_state();
+            let holder = (*missing == Missing::Silent).then(|| self.holder()).flatten();
+            match (holder, state) {
+                (Some(holder), _) => *hint = Text::from("the line to the arm runs at ").append(&holder),
+                (None, Some(state)) => *hint = Text::from(state + ": ").append(hint),
+                (None, None) => {}
+            }
+        }
+        error
+    }
+
+    /// The holder of the line to the arm, read from the adapter. `None` without a holder, without a reply, or while the
+    /// program itself has the control port.
+    fn holder(&self) -> Option<Text> {
+        let line = self.adapter().ok()?.line().ok()??;
+        line_holder::describe(&line)
+    }
+
+    fn on_can(&self, node: Node, tx: Function, rx: Function) -> Result<CanLine, Error> {
+        let bus = self.bus.as_ref().expect("a port on CAN has a bus");
+        CanLine::new(self.port.to_string(), bus, node, tx, rx)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn port_is_parsed_and_printed_again() {
+        for (typed, printed) in [
+            ("/dev/ttyACM0", "/dev/ttyACM0"),
+            ("COM3", "COM3"),
+            (
+                "/dev/serial/by-path/pci-0000:00:14.0-usb-0:1",
+                "/dev/serial/by-path/pci-0000:00:14.0-usb-0:1",
+            ),
+            ("tcp:arm.local:4000", "tcp:arm.local:4000"),
+            ("tcp:[::1]:4000", "tcp:[::1]:4000"),
+            ("can:can0", "can:can0"),
+            ("can:can0/0", "can:can0"),
+            ("can:can0/15", "can:can0/15"),
+            ("slcan:/dev/pts/3", "slcan:/dev/pts/3@1000000"),
+            ("slcan:/dev/ttyACM1@500000/2", "slcan:/dev/ttyACM1@500000/2"),
+            ("slcan:/dev/no-such-port/2", "slcan:/dev/no-such-port@1000000/2"),
+            ("slcan:COM3/15", "slcan:COM3@1000000/15"),
+            ("slcan:COM3@250000", "slcan:COM3@250000"),
+            ("control:/tmp/control", "control:/tmp/control"),
+            ("hid:", "hid:"),
+            ("hid:0483:5750", "hid:0483:5750"),
+            ("hid:046D:C52B", "hid:046d:c52b"),
+            ("hid:/dev/hidraw3", "hid:/dev/hidraw3"),
+        ] {
+            let port: Port = typed.parse().unwrap();
+            assert_eq!(port.to_string(), printed);
+            assert_eq!(printed.parse::<Port>().unwrap(), port);
+        }
+    }
+
+    #[test]
+    fn bare_path_is_a_control_port_for_control() {
+        let of_control = |text| Port::of_control(text).unwrap();
+        let control = Port::Control("/tmp/control".to_owned());
+        assert_eq!(of_control("/tmp/control"), control);
+        assert_eq!(of_control("control:/tmp/control"), control);
+        assert_eq!(of_control("can:can0/3"), "can:can0/3".parse().unwrap());
+    }
+
+    #[test]
+    fn text_of_a_port_is_escaped_in_errors() {
+        let error = "can:can0/\x1B[2J\n".parse::<Port>().unwrap_err();
+        let text = r"'\u{1b}[2J\n' after the last slash is not a node id, 0 to 15";
+        assert_eq!(error.to_string(), text);
+        assert_eq!(error.with(|_| String::new()), text);
+        let port = crate::open("tcp:\x07:1").unwrap();
+        let error = port.adapter().unwrap_err();
+        assert!(error.to_string().starts_with(r"tcp:\u{7}:1: "), "{error}");
+        assert!(matches!(&error, Error::NoControl { name } if name.as_str() == "tcp:\x07:1"));
+    }
+
+    #[test]
+    fn invalid_port_is_an_error_with_its_reason() {
+        for (typed, error) in [
+            ("tcp:arm.local", "'arm.local' has no port, such as arm.local:4000"),
+            ("can:can0/16", "node id is 16, must be 0..=15"),
+            ("can:can0/x", "'x' after the last slash is not a node id, 0 to 15"),
+            ("", "'': the port's name is missing"),
+            ("can:", "'can:': the port's name is missing"),
+            ("can:/3", "'can:/3': the port's name is missing"),
+            ("slcan:@500000", "'slcan:@500000': the port's name is missing"),
+            ("slcan:COM3/16", "node id is 16, must be 0..=15"),
+            (
+                "slcan:COM3@/3",
+                "'slcan:COM3@/3': bit rate '' is not an SLCAN bit rate: 10000, 20000, 50000, 100000, \
+                 125000, 250000, 500000, 800000, 1000000",
+            ),
+        ] {
+            assert_eq!(typed.parse::<Port>().unwrap_err().to_string(), error);
+        }
+    }
+}
