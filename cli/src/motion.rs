@@ -1,9 +1,8 @@
 //! `armwire move`, `torque` and `set-zero`: actions of a Ling arm, each read back.
 
-use std::thread;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-use armwire::ling::{JointState, Move, Position, Request, TICKS_PER_TURN, Torque};
+use armwire::ling::{JointState, Move, Request, TICKS_PER_TURN, Torque};
 use armwire_host as host;
 use clap::Args;
 
@@ -14,13 +13,6 @@ use crate::confirm::{Confirm, Question};
 use crate::error::Error;
 use crate::output::print_line;
 use crate::stop::stoppable;
-
-/// Zero, in ticks.
-const ZERO: u16 = Position::CENTRE.ticks();
-/// Timeout of an action that is read back.
-const READ_BACK_TIMEOUT: Duration = Duration::from_millis(500);
-/// Period of the readings.
-const POLL_PERIOD: Duration = Duration::from_millis(20);
 
 /// The arguments of `armwire move`.
 #[derive(Args)]
@@ -108,29 +100,14 @@ impl MoveArm {
 
 impl SetTorque {
     pub(crate) fn run(&self) -> Result<(), Error> {
-        let (wanted, done) = match self.torque {
-            Torque::On => (true, "torque on: the arm holds its position"),
-            Torque::Off => (false, "torque off: the arm can be moved by hand"),
-        };
         let question = match self.torque {
             Torque::On => None,
             Torque::Off => Some(self.confirm.question("With torque off the arm falls: hold it.")?),
         };
         let mut arm = self.arm.connect()?.ling()?;
         question.map_or(Ok(()), Question::ask)?;
-        let request = Request::SetTorque(self.torque);
-        let is_so = |state: &JointState| state.status.is_holding() == Some(wanted);
-        let (JointState { status, .. }, is_so) = send_and_read(&mut arm, |arm| arm.set_torque(self.torque), is_so)?;
-        match status.is_holding() {
-            _ if is_so => print_line(format_args!("{done} (status {status})")),
-            None => print_line(format_args!(
-                "{request}: sent; status {status} does not show its effect"
-            )),
-            Some(_) => Err(Error::at(
-                arm.name(),
-                format_args!("{request} was sent, but the status is {status}"),
-            )),
-        }
+        let set = arm.set_torque(self.torque);
+        print_line(set.map_err(|error| arm.explain(error))?)
     }
 }
 
@@ -141,41 +118,9 @@ impl SetZero {
             .question("The current pose becomes zero. The torque goes off and the arm falls: hold it.")?;
         let mut arm = self.arm.connect()?.ling()?;
         question.ask()?;
-        let is_zero = |state: &JointState| {
-            let mut joints = state.joints.iter();
-            joints.all(|ticks| ticks.abs_diff(ZERO) <= Move::JOINT_TOLERANCE)
-        };
-        let (state, is_zero) = send_and_read(&mut arm, host::Ling::set_zero, is_zero)?;
-        match is_zero {
-            true => print_line(format_args!("zero set: {state}")),
-            false => Err(Error::at(
-                arm.name(),
-                format_args!("set-zero was sent, but the arm reports {state}"),
-            )),
-        }
+        let set = arm.set_zero();
+        print_line(set.map_err(|error| arm.explain(error))?)
     }
-}
-
-/// Sends a request without an answer, and reads until `is_so` returns true, at most for [`READ_BACK_TIMEOUT`]. Returns the
-/// last reading, and its result.
-fn send_and_read(
-    arm: &mut host::Ling,
-    send: impl FnOnce(&mut host::Ling) -> Result<(), host::Error>,
-    is_so: impl Fn(&JointState) -> bool,
-) -> Result<(JointState, bool), Error> {
-    let read = |arm: &mut host::Ling| {
-        send(arm)?;
-        let start = Instant::now();
-        loop {
-            let state = arm.read_joints()?;
-            let is_so = is_so(&state);
-            if is_so || start.elapsed() >= READ_BACK_TIMEOUT {
-                return Ok((state, is_so));
-            }
-            thread::sleep(POLL_PERIOD);
-        }
-    };
-    read(arm).map_err(|error| arm.explain(error).into())
 }
 
 /// The gripper's distance from its target, if that exceeds the tolerance.
@@ -198,7 +143,7 @@ fn far_joints(target: &Move, state: &JointState) -> Vec<String> {
 
 #[cfg(test)]
 mod tests {
-    use armwire::ling::{GripperSpeed, MotionStatus, Opening, Speed};
+    use armwire::ling::{GripperSpeed, MotionStatus, Opening, Position, Speed};
 
     use super::*;
 

@@ -51,7 +51,9 @@ pub(crate) fn exception(error: Error) -> PyErr {
         Error::Closed { .. } => ClosedError::new_err(text),
         Error::Legacy { .. } => OlderArmError::new_err(text),
         Error::Lost { .. } | Error::Stuck { .. } => PortLostError::new_err(text),
-        Error::Refused { .. } | Error::TorqueOff { .. } | Error::Unsupported { .. } => RefusedError::new_err(text),
+        Error::Refused { .. } | Error::TorqueOff { .. } | Error::Contradicted { .. } | Error::Unsupported { .. } => {
+            RefusedError::new_err(text)
+        }
         Error::ErrorFrame { .. } => ErrorFrameError::new_err(text),
         Error::Unacceptable { .. } => UnacceptableError::new_err(text),
         _ => PortError::new_err(text),

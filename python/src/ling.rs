@@ -127,13 +127,15 @@ impl LingPort {
         })
     }
 
-    fn set_torque(&self, py: Python<'_>, on: bool) -> PyResult<()> {
+    /// The reading that was last read back.
+    fn set_torque(&self, py: Python<'_>, on: bool) -> PyResult<(Joints, Extra)> {
         let torque = if on { Torque::On } else { Torque::Off };
-        self.0.with(py, |arm| arm.set_torque(torque))
+        self.read(py, |arm| Ok(arm.set_torque(torque)?.state))
     }
 
-    fn set_zero(&self, py: Python<'_>) -> PyResult<()> {
-        self.0.with(py, Ling::set_zero)
+    /// The reading that was last read back.
+    fn set_zero(&self, py: Python<'_>) -> PyResult<(Joints, Extra)> {
+        self.read(py, |arm| Ok(arm.set_zero()?.state))
     }
 
     /// In millimetres.

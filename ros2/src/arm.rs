@@ -4,6 +4,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
+use armwire::ling::effect::Effect;
 use armwire::ling::{self, JOINTS, Ling, Request, Response, Stroke};
 use armwire::messages::Messages;
 use armwire_bridge::config::{ArmKind, MAX_POLL_HZ, Poll};
@@ -17,7 +18,7 @@ use crate::joint_states::{Reading, to_move};
 use crate::motion::{Abort, Motion, Output};
 use crate::node::Endpoints;
 use crate::options::Arm;
-use crate::services::{Effect, Pending, refused};
+use crate::services::{Pending, refused};
 use crate::trajectory::{Joint, Refusal};
 
 /// Time between two attempts to open a port.
@@ -133,9 +134,12 @@ impl<'a, 'b> Session<'a, 'b> {
             }
         }
         self.clients.serve();
-        for Pending { id, effect, .. } in std::mem::take(&mut self.pending) {
-            self.clients
-                .respond(effect, id, refused("sent, but not read back: the arm was lost"));
+        for pending in std::mem::take(&mut self.pending) {
+            self.clients.respond(
+                pending.effect(),
+                pending.id,
+                refused("sent, but not read back: the arm was lost"),
+            );
         }
         result
     }
@@ -233,9 +237,9 @@ impl<'a, 'b> Session<'a, 'b> {
         let now = Instant::now();
         self.motion.on_reading(now, &self.latest);
         for nth in (0..self.pending.len()).rev() {
-            if let Some(outcome) = self.pending[nth].outcome(&self.latest, now) {
-                let Pending { id, effect, .. } = self.pending.swap_remove(nth);
-                self.clients.respond(effect, id, outcome);
+            if let Some(outcome) = self.pending[nth].outcome(at, state) {
+                let pending = self.pending.swap_remove(nth);
+                self.clients.respond(pending.effect(), pending.id, outcome);
             }
         }
     }
@@ -246,7 +250,7 @@ impl<'a, 'b> Session<'a, 'b> {
                 Asked::Play(order, reply) => {
                     // The readings may not show a torque-off yet.
                     let mut pending = self.pending.iter();
-                    let accepted = match pending.any(|pending| pending.effect != Effect::Torque(true)) {
+                    let accepted = match pending.any(|pending| pending.effect().drops_arm()) {
                         true => Err(Refusal::TorqueOff),
                         false => self.motion.accept(Instant::now(), stamps::now(), order),
                     };
@@ -265,15 +269,15 @@ impl<'a, 'b> Session<'a, 'b> {
                     .respond(effect, id, refused("refused: the node runs without --allow-set-zero"));
                 continue;
             }
-            if effect != Effect::Torque(true) {
+            if effect.drops_arm() {
                 self.motion.abort(&Abort::TorqueLost);
             }
             for earlier in std::mem::take(&mut self.pending) {
                 let outcome = refused("sent, but not read back: another request followed");
-                self.clients.respond(earlier.effect, earlier.id, outcome);
+                self.clients.respond(earlier.effect(), earlier.id, outcome);
             }
             self.link.call(&effect.request(), drop)?;
-            let pending = Pending::new(id, effect, Instant::now(), stamps::now());
+            let pending = Pending::new(id, effect, stamps::now());
             self.pending.push(pending);
         }
         Ok(())

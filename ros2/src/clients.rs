@@ -5,6 +5,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
+use armwire::ling::Torque;
+use armwire::ling::effect::Effect;
 use armwire_host::stamps;
 use ros2_client::action::{CancelGoalRequest, GoalId, GoalInfo, SendGoalRequest, SendGoalResponse};
 use ros2_client::{Gid, ReadError, RmwRequestId};
@@ -21,7 +23,7 @@ use crate::motion::{End, Order, Origin, Progress};
 use crate::node::Endpoints;
 use crate::numbers::Numbers;
 use crate::options::Arm;
-use crate::services::{Effect, refused};
+use crate::services::refused;
 use crate::tolerances::Tolerances;
 use crate::trajectory::{Joint, Refusal};
 
@@ -293,8 +295,8 @@ impl<'a> Clients<'a> {
     pub(crate) fn next_service(&mut self) -> Option<(RmwRequestId, Effect)> {
         loop {
             match Received::of(self.endpoints.torque.receive_request()) {
-                Received::Message((id, Decoded(Ok(request)))) => return Some((id, Effect::Torque(request.data))),
-                Received::Message((id, Decoded(Err(_)))) => self.refuse_undecodable(id, Effect::Torque(false)),
+                Received::Message((id, Decoded(Ok(request)))) => return Some((id, torque(request.data))),
+                Received::Message((id, Decoded(Err(_)))) => self.refuse_undecodable(id, Effect::Torque(Torque::Off)),
                 Received::Undecodable => self.diagnostics.undecodable += 1,
                 Received::Nothing => break,
             }
@@ -349,6 +351,10 @@ impl<'a> Clients<'a> {
             self.log(&format!("a response is lost: {error}"));
         }
     }
+}
+
+fn torque(on: bool) -> Effect {
+    Effect::Torque(if on { Torque::On } else { Torque::Off })
 }
 
 /// The goals that a request cancels. `ros2-client` keeps this field to itself, so that it is read from the request's bytes.

@@ -1,10 +1,9 @@
 //! Conversion between a Ling arm's ticks and per mille and radians and metres.
 
-use std::f64::consts::TAU;
 use std::time::Duration;
 
 use armwire::OutOfRange;
-use armwire::ling::{self, GripperSpeed, JOINTS, MotionStatus, Move, Opening, Position, Speed, Stroke, TICKS_PER_TURN};
+use armwire::ling::{self, GripperSpeed, JOINTS, MotionStatus, Move, Opening, Position, Speed, Stroke};
 
 use crate::messages::{Header, JointState, Time};
 use crate::trajectory::{Joint, Setpoint};
@@ -75,12 +74,6 @@ impl Reading {
             Duration::from_nanos(passed) > 2 * period
         };
         is_long(previous.at, self.at) || is_long(self.at, received)
-    }
-
-    /// Returns true if all joints are at zero, within the tolerance of a move.
-    pub(crate) fn is_at_zero(&self) -> bool {
-        let near = f64::from(Move::JOINT_TOLERANCE) * TAU / f64::from(TICKS_PER_TURN);
-        self.positions[..JOINTS].iter().all(|position| position.abs() <= near)
     }
 
     pub(crate) fn to_message(&self, joints: &[Joint]) -> JointState {

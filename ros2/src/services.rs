@@ -1,78 +1,44 @@
 //! Services. They are answered when the arm's readings show the effect, or after a timeout.
 
-use std::time::{Duration, Instant};
+use armwire::ling::JointState;
+use armwire::ling::effect::{self, Effect, ReadBack, Verdict};
+use armwire::time::Instant;
 
-use armwire::ling::{Request, Torque};
-
-use crate::joint_states::Reading;
 use crate::messages::Outcome;
-
-/// Timeout until a reading shows the effect of a request.
-const EFFECT_TIMEOUT: Duration = Duration::from_millis(500);
-
-/// The expected effect of a request on the readings.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Effect {
-    Torque(bool),
-    Zero,
-}
-
-impl Effect {
-    /// The request to the arm.
-    pub(crate) fn request(self) -> Request {
-        match self {
-            Self::Torque(true) => Request::SetTorque(Torque::On),
-            Self::Torque(false) => Request::SetTorque(Torque::Off),
-            Self::Zero => Request::SetZero,
-        }
-    }
-
-    fn is_shown(self, reading: &Reading) -> bool {
-        match self {
-            Self::Torque(on) => reading.status.is_holding() == Some(on),
-            Self::Zero => reading.is_at_zero(),
-        }
-    }
-}
 
 /// A request of the client `id` that was sent to the arm.
 #[derive(Debug)]
 pub(crate) struct Pending<I> {
     pub(crate) id: I,
-    pub(crate) effect: Effect,
-    sent: Instant,
-    /// System time of the request, in nanoseconds since 1970.
-    sent_at: i64,
+    read_back: ReadBack,
 }
 
 impl<I> Pending<I> {
-    pub(crate) fn new(id: I, effect: Effect, sent: Instant, sent_at: i64) -> Self {
-        Self {
-            id,
-            effect,
-            sent,
-            sent_at,
-        }
+    /// A request that was sent at this system time, in nanoseconds since 1970.
+    pub(crate) fn new(id: I, effect: Effect, sent_at: i64) -> Self {
+        let read_back = ReadBack::new(effect, instant(sent_at));
+        Self { id, read_back }
     }
 
-    /// The outcome by a reading after the request; `None` while it is undecided.
-    pub(crate) fn outcome(&self, reading: &Reading, now: Instant) -> Option<Outcome> {
-        let status = reading.status;
-        if reading.at > self.sent_at && self.effect.is_shown(reading) {
-            return Some(Outcome {
-                success: true,
-                message: format!("read back: status {status}"),
-            });
-        }
-        let is_late = now.duration_since(self.sent) >= EFFECT_TIMEOUT;
-        let message = format!(
-            "sent, but not read back within {} ms: status {status}",
-            EFFECT_TIMEOUT.as_millis()
-        );
-        is_late.then_some(Outcome {
-            success: false,
-            message,
-        })
+    pub(crate) fn effect(&self) -> Effect {
+        self.read_back.effect()
+    }
+
+    /// The outcome by a reading at this system time; `None` while it is undecided.
+    pub(crate) fn outcome(&self, at: i64, state: &JointState) -> Option<Outcome> {
+        self.read_back.on_joints(instant(at), state).map(answer)
+    }
+}
+
+/// A system time on the clock of the state machines, which has no time before 1970.
+fn instant(nanos: i64) -> Instant {
+    Instant::from_micros(u64::try_from(nanos / 1_000).unwrap_or(0))
+}
+
+fn answer(outcome: effect::Outcome) -> Outcome {
+    Outcome {
+        success: outcome.verdict != Verdict::Contradicted,
+        message: outcome.to_string(),
     }
 }
 
@@ -86,44 +52,30 @@ pub(crate) fn refused(reason: &str) -> Outcome {
 
 #[cfg(test)]
 mod tests {
-    use armwire::ling::MotionStatus;
+    use armwire::ling::{MotionStatus, Torque};
 
     use super::*;
 
-    fn reading(status: MotionStatus, position: f64) -> Reading {
-        Reading {
-            at: 1,
-            status,
-            positions: vec![position; 7],
-        }
-    }
-
     #[test]
-    fn reading_with_the_effect_is_a_success() {
-        let sent = Instant::now();
-        let pending = Pending::new((), Effect::Torque(true), sent, 0);
-        assert_eq!(pending.outcome(&reading(MotionStatus::Idle, 0.0), sent), None);
-        assert!(
-            pending
-                .outcome(&reading(MotionStatus::Locked, 0.0), sent)
-                .unwrap()
-                .success
+    fn outcome_of_the_read_back_is_the_answer() {
+        let pending = Pending::new((), Effect::Torque(Torque::On), 1_000_000);
+        let outcome = |at, status| {
+            let state = JointState {
+                joints: [2048; 6],
+                gripper: 0,
+                status,
+            };
+            let outcome = pending.outcome(at, &state);
+            outcome.map(|outcome| outcome.success)
+        };
+        assert_eq!(
+            outcome(1_000_000, MotionStatus::Locked),
+            None,
+            "made before the request"
         );
-    }
-
-    #[test]
-    fn reading_before_the_request_is_not_a_success() {
-        let sent = Instant::now();
-        let pending = Pending::new((), Effect::Torque(true), sent, 1);
-        assert_eq!(pending.outcome(&reading(MotionStatus::Locked, 0.0), sent), None);
-    }
-
-    #[test]
-    fn missing_effect_is_a_failure() {
-        let sent = Instant::now();
-        let pending = Pending::new((), Effect::Zero, sent, 0);
-        let outcome = |ms| pending.outcome(&reading(MotionStatus::Idle, 0.1), sent + Duration::from_millis(ms));
-        assert_eq!(outcome(499), None);
-        assert!(!outcome(500).unwrap().success);
+        assert_eq!(outcome(2_000_000, MotionStatus::Locked), Some(true));
+        assert_eq!(outcome(2_000_000, MotionStatus::Idle), None);
+        assert_eq!(outcome(501_000_000, MotionStatus::Idle), Some(false));
+        assert_eq!(outcome(501_000_000, MotionStatus::Overheating), Some(true));
     }
 }

@@ -5,6 +5,7 @@ mod file;
 use std::path::PathBuf;
 use std::time::Duration;
 
+use armwire::ling::effect::Effect;
 use armwire::ling::{JOINTS, JointState, Kind, Speed, Stroke, Torque};
 use armwire::time;
 use armwire_host::replay::{self, Motion, Output, Progress, Range, Refusal, Tracking};
@@ -90,7 +91,7 @@ impl Replay {
         let mut arm = stream.into_arm();
         // Torque-on ends an adapter's stream, and the torque stays on.
         let ended = match played {
-            Ok(()) => arm.set_torque(Torque::On).map_err(Error::from),
+            Ok(()) => arm.send(Effect::Torque(Torque::On)).map_err(Error::from),
             Err(error) => match stop::after(&mut arm, error) {
                 // There is no other end.
                 Error::Host(Host::Stopped { stopped, .. }) if self.is_endless => print_line(stop::show(&stopped)),

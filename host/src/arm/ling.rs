@@ -6,6 +6,7 @@ use std::fmt;
 use std::thread;
 use std::time::{Duration, Instant};
 
+use armwire::ling::effect::{Effect, Outcome, ReadBack, Verdict};
 use armwire::ling::stop::{Grip, Stopped};
 use armwire::ling::{
     GripperSpeed, Info, JOINTS, JointState, Move, Opening, PerServo, Position, Request, SelfCheck, Speed, Stroke,
@@ -20,6 +21,7 @@ use crate::error::{self, Error, Silence, TorqueOffEffect};
 use crate::ports::control::Adapter;
 use crate::ports::link::{Interrupt, LineErrors, Link};
 use crate::ports::port::Connection;
+use crate::time::stopwatch::Stopwatch;
 
 pub use stream::Stream;
 
@@ -291,22 +293,50 @@ impl Ling {
         self.stop_by(gripper, stop::stop_interruptibly)
     }
 
-    /// Switches the torque. With torque off the arm falls.
-    pub fn set_torque(&mut self, torque: Torque) -> Result<(), Error> {
+    /// Switches the torque, and reads it back. With torque off the arm falls.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Contradicted`] if the arm shows for 0.5 s that the torque was not switched.
+    pub fn set_torque(&mut self, torque: Torque) -> Result<Outcome, Error> {
+        self.set(Effect::Torque(torque))
+    }
+
+    /// Makes the present pose the zero position, and reads it back. The arm switches its torque off, and falls.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Contradicted`] if the joints are not at zero for 0.5 s.
+    pub fn set_zero(&mut self) -> Result<Outcome, Error> {
+        self.set(Effect::Zero)
+    }
+
+    /// Sends the request that has this effect, and reads nothing back.
+    pub fn send(&mut self, effect: Effect) -> Result<(), Error> {
         self.may_move = false;
-        self.link.send(&Request::SetTorque(torque))?;
-        if torque == Torque::Off {
+        self.link.send(&effect.request())?;
+        if effect.drops_arm() {
             self.gripper = None;
         }
         Ok(())
     }
 
-    /// Makes the present pose the zero position. The arm switches its torque off, and falls.
-    pub fn set_zero(&mut self) -> Result<(), Error> {
-        self.may_move = false;
-        self.link.send(&Request::SetZero)?;
-        self.gripper = None;
-        Ok(())
+    fn set(&mut self, effect: Effect) -> Result<Outcome, Error> {
+        self.send(effect)?;
+        let clock = Stopwatch::start();
+        let read_back = ReadBack::new(effect, clock.now());
+        loop {
+            let state = self.read_joints()?;
+            match read_back.on_joints(clock.now(), &state) {
+                Some(outcome) if outcome.verdict == Verdict::Contradicted => {
+                    let name = self.link.name().into();
+                    return Err(Error::Contradicted { name, outcome });
+                }
+                Some(outcome) => return Ok(outcome),
+                None => self.link.check_interrupt()?,
+            }
+            thread::sleep(POLL_PERIOD);
+        }
     }
 
     /// Sets the stroke of the gripper.
@@ -577,7 +607,7 @@ mod tests {
     #[test]
     fn grip_is_kept_until_torque_off_is_sent() {
         for (writes, has_moved) in [(0, true), (1, false)] {
-            for switch_off in [|arm: &mut Ling| arm.set_torque(Torque::Off), Ling::set_zero] {
+            for effect in [Effect::Torque(Torque::Off), Effect::Zero] {
                 let mut arm = Ling {
                     link: Link::new(Box::new(Failing(writes)), armwire::ling::Ling::CONFIG),
                     connection: crate::open("/dev/fake").unwrap(),
@@ -586,7 +616,7 @@ mod tests {
                     last: None,
                     on_pose: None,
                 };
-                assert_eq!(switch_off(&mut arm).is_err(), has_moved);
+                assert_eq!(arm.send(effect).is_err(), has_moved);
                 assert_eq!(arm.has_moved(), has_moved);
             }
         }

@@ -12,6 +12,7 @@ use std::io;
 use std::time::Duration;
 
 use armwire::ErrorFrame;
+use armwire::ling::effect::Outcome;
 use armwire::ling::legacy::OlderGeneration;
 use armwire::ling::stop::Stopped;
 use armwire::ling::{JointState, MotionStatus};
@@ -74,6 +75,8 @@ pub enum Error {
         status: MotionStatus,
         effect: TorqueOffEffect,
     },
+    /// A request was sent, but the arm shows that it has no effect.
+    Contradicted { name: Outside, outcome: Outcome },
     /// The arm in motion did not answer for [`Ling::SILENCE`](crate::Ling::SILENCE), and was asked to stop.
     Unanswered { name: Outside, silence: Box<Silence> },
     /// The arm did not reach its target within the limit. It may move on.
@@ -195,6 +198,7 @@ impl Error {
             Self::TorqueOff { name, status, effect } => {
                 at(name, &format!("the torque is off (status {status}), so {effect}")).remedy(Remedy::TorqueOn)
             }
+            Self::Contradicted { name, outcome } => at(name, &outcome.to_string()),
             Self::Unanswered { name, silence } => {
                 let seconds = SILENCE.as_secs();
                 let what = at(name, &format!("no answer for {seconds} s during a motion (")).append(&silence.cause);

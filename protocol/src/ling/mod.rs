@@ -16,6 +16,7 @@ mod answer;
 mod correlation;
 #[cfg(feature = "async")]
 mod driver;
+pub mod effect;
 mod frame;
 #[cfg(feature = "ling-legacy")]
 pub mod legacy;

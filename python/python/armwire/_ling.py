@@ -32,8 +32,6 @@ from ._units import (
 from .errors import ArmwireError, RefusedError, UnacceptableError
 
 MAX_GRIPPER = 1000
-# Timeout of switching the torque.
-TORQUE_TIMEOUT_S = 0.5
 # Polling interval of waits.
 PERIOD_S = 0.02
 
@@ -345,26 +343,27 @@ class Ling(Open):
         """Read until every joint is within 3 ticks (0.0046 rad) of these angles. See `wait_until_at_deg`."""
         return self._wait(Wait(self.port, position_ticks(joints, RAD_PER_TICK, "rad"), timeout_s))
 
-    def set_torque(self, on: bool) -> None:
-        """Switch the torque and verify the status. With torque off the arm falls: hold it.
+    def set_torque(self, on: bool) -> JointState:
+        """Switch the torque and read it back, half a second at most. With torque off the arm falls: hold it.
+
+        Returns:
+            The reading that shows it. If its `is_holding` is None, the status, such as overheating, does not show the torque.
 
         Raises:
-            RefusedError: The status does not confirm it within half a second.
+            RefusedError: The status shows that the torque was not switched.
         """
-        self._port.set_torque(on)
-        until = time.monotonic() + TORQUE_TIMEOUT_S
-        while True:
-            state = self.read_joints()
-            if state.is_holding is on:
-                return
-            if time.monotonic() >= until:
-                wanted = "on" if on else "off"
-                raise RefusedError(f"{self.port}: torque {wanted} was sent, but the status is {state.status!r}")
-            time.sleep(PERIOD_S)
+        return joint_state(*self._port.set_torque(on))
 
-    def set_zero(self) -> None:
-        """Make the current pose the zero position. The arm switches its torque off and falls: hold it."""
-        self._port.set_zero()
+    def set_zero(self) -> JointState:
+        """Make the current pose the zero position. The arm switches its torque off and falls: hold it.
+
+        Returns:
+            The reading that shows it.
+
+        Raises:
+            RefusedError: The joints are not at zero within half a second.
+        """
+        return joint_state(*self._port.set_zero())
 
     def set_stroke_mm(self, stroke: int) -> None:
         """Set the gripper's stroke: 50, 75 or 100 mm."""

@@ -11,7 +11,7 @@ use crate::error::text::Text;
 use crate::ports::line::{Line, Names, Reception};
 
 use super::device::{self, Device};
-use super::reports::{Failure, Named, Reports};
+use super::reports::{Named, Reports};
 use super::{ALPHA1, Selector};
 
 /// The names of all devices with the ids of an Alpha1. Empty if the system cannot list HID devices.
@@ -141,6 +141,7 @@ mod tests {
     use armwire_sim::alpha1::{Alpha1Robot, RobotConfig};
     use armwire_sim::serial::SerialDevice;
 
+    use super::super::reports::Failure;
     use super::*;
     use crate::describe::Arm;
     use crate::ports::link::Link;
