@@ -1,16 +1,14 @@
 //! One arm's thread: readings go out, trajectories and services come in, motion goes to the arm.
 
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::thread;
 use std::time::{Duration, Instant};
 
 use armwire::ling::effect::Effect;
-use armwire::ling::{self, JOINTS, Ling, Request, Response, Stroke};
-use armwire::messages::Messages;
+use armwire::ling::{JOINTS, JointState, Stroke};
 use armwire_bridge::config::{ArmKind, MAX_POLL_HZ, Poll};
 use armwire_bridge::control::{self, Event, Initiator, Subscription};
-use armwire_host::stamps::{self, Clock, HostTime};
-use armwire_host::{Adapter, Error, Link, Options, adapter};
+use armwire_host::stamps::{self, Clock};
+use armwire_host::{Adapter, Error, Options, Stream, adapter};
 use ros2_client::RmwRequestId;
 
 use crate::clients::{Asked, Clients};
@@ -19,12 +17,11 @@ use crate::motion::{Abort, Motion, Output};
 use crate::node::Endpoints;
 use crate::options::Arm;
 use crate::services::{Pending, refused};
+use crate::source::{Input, Source};
 use crate::trajectory::{Joint, Refusal};
 
 /// Time between two attempts to open a port.
 const RETRY: Duration = Duration::from_secs(1);
-/// Maximum wait for a reading before setpoints and requests have their turn.
-const STEP: Duration = Duration::from_millis(5);
 /// Minimum time without a reading after which an arm counts as silent. With slow readings it is three periods.
 const SILENCE: Duration = Duration::from_millis(500);
 
@@ -58,12 +55,10 @@ pub(crate) fn serve(arm: &Arm, endpoints: &Endpoints, stop: &AtomicBool) {
 /// An arm with an open port.
 struct Session<'a, 'b> {
     clients: &'b mut Clients<'a>,
-    link: Link<Ling>,
-    /// `None` without an adapter.
-    adapter: Option<Adapter>,
+    stream: Stream,
+    source: Source,
     stroke: Stroke,
     joints: Vec<Joint>,
-    clock: Clock,
     /// Time between two readings.
     period: Duration,
     latest: Reading,
@@ -85,8 +80,8 @@ impl<'a, 'b> Session<'a, 'b> {
                 Err(error) => return Err(error.into()),
             },
         };
-        let mut link = connection.ling()?.into_link();
-        let stroke: Stroke = link.read(&Request::ReadStroke)?;
+        let mut ling = connection.ling()?;
+        let stroke = ling.read_stroke()?;
         let mut joints = clients.arm.joints.all.clone();
         joints[JOINTS].max = f64::from(stroke.millimetres()) / 1_000.0;
         let mut period = Duration::from_secs(1) / clients.arm.rate;
@@ -98,7 +93,7 @@ impl<'a, 'b> Session<'a, 'b> {
             };
             adapter.subscribe(all)?;
         }
-        let state = link.read(&Request::ReadJoints)?;
+        let state = ling.read_joints()?;
         let latest = Reading::new(stamps::now(), &state, stroke).map_err(|error| Failure::Arm(error.to_string()))?;
         clients.diagnostics.failure = None;
         clients.diagnostics.stamps = if adapter.is_some() { "adapter" } else { "host" };
@@ -108,12 +103,17 @@ impl<'a, 'b> Session<'a, 'b> {
         ));
         Ok(Self {
             clients,
-            link,
-            adapter,
+            stream: ling.into_stream(),
+            source: match adapter {
+                Some(adapter) => Source::Adapter(adapter, Clock::default()),
+                None => Source::Arm {
+                    due: Instant::now(),
+                    period,
+                },
+            },
             stroke,
             motion: Motion::new(joints.clone(), JOINTS, latest.clone()),
             joints,
-            clock: Clock::default(),
             period,
             latest,
             is_streaming: false,
@@ -145,17 +145,19 @@ impl<'a, 'b> Session<'a, 'b> {
     }
 
     fn serve(&mut self, stop: &AtomicBool) -> Result<(), Failure> {
-        let mut due = Instant::now();
-        let mut received = due;
+        let mut received = Instant::now();
         let silence = SILENCE.max(3 * self.period);
         while !stop.load(Ordering::Relaxed) {
-            let is_received = if self.adapter.is_some() {
-                self.receive()?
-            } else {
-                let wait = due.saturating_duration_since(Instant::now());
-                thread::sleep(wait.min(STEP));
-                wait <= STEP && self.read(&mut due)?
-            };
+            let mut is_received = false;
+            for input in self.source.receive(&mut self.stream)? {
+                match input {
+                    Input::Reading(at, state) => {
+                        self.publish(at, &state);
+                        is_received = true;
+                    }
+                    Input::Event(event) => self.take_event(&event),
+                }
+            }
             if is_received {
                 received = Instant::now();
             } else if received.elapsed() >= silence {
@@ -172,58 +174,24 @@ impl<'a, 'b> Session<'a, 'b> {
         self.end_stream()
     }
 
-    /// Reads the joints, and moves `due` to the next time. Returns false without an answer, which costs the reading only.
-    fn read(&mut self, due: &mut Instant) -> Result<bool, Failure> {
-        let state = match self.link.read(&Request::ReadJoints) {
-            Err(Error::NoAnswer { .. }) => None,
-            answer => Some(answer?),
-        };
-        *due = (*due + self.period).max(Instant::now());
-        if let Some(state) = &state {
-            self.publish(stamps::now(), state);
+    fn take_event(&mut self, event: &Event) {
+        let is_stop = matches!(
+            event,
+            Event::Refused {
+                initiator: Initiator::Usb,
+                reason: control::Refusal::Stopped
+            }
+        );
+        // Later the setpoint would be far ahead of the arm.
+        if is_stop {
+            self.motion.abort(&Abort::Stopped);
         }
-        Ok(state.is_some())
+        let event = adapter::describe_event(event);
+        self.clients.log(&format!("adapter event: {event}"));
+        self.clients.diagnostics.adapter_event = Some(event);
     }
 
-    /// Receives one event of the adapter within a step. Returns true for a reading.
-    fn receive(&mut self) -> Result<bool, Failure> {
-        let Some(adapter) = &mut self.adapter else {
-            return Ok(false);
-        };
-        let Some((stamp, event)) = adapter.next_event(STEP)? else {
-            return Ok(false);
-        };
-        let at = self.clock.host_time(stamp, HostTime::now()).unix_ns;
-        match event {
-            Event::Frame { bytes, .. } => {
-                let response = Messages::parse_response(&Ling, &bytes, ());
-                let Ok(Response::Joints(state)) = response else {
-                    return Ok(false);
-                };
-                self.publish(at, &state);
-                Ok(true)
-            }
-            event => {
-                let is_stop = matches!(
-                    event,
-                    Event::Refused {
-                        initiator: Initiator::Usb,
-                        reason: control::Refusal::Stopped
-                    }
-                );
-                // Later the setpoint would be far ahead of the arm.
-                if is_stop {
-                    self.motion.abort(&Abort::Stopped);
-                }
-                let event = adapter::describe_event(&event);
-                self.clients.log(&format!("adapter event: {event}"));
-                self.clients.diagnostics.adapter_event = Some(event);
-                Ok(false)
-            }
-        }
-    }
-
-    fn publish(&mut self, at: i64, state: &ling::JointState) {
+    fn publish(&mut self, at: i64, state: &JointState) {
         let diagnostics = &mut self.clients.diagnostics;
         let Ok(reading) = Reading::new(at, state, self.stroke) else {
             diagnostics.unusable += 1;
@@ -276,7 +244,7 @@ impl<'a, 'b> Session<'a, 'b> {
                 let outcome = refused("sent, but not read back: another request followed");
                 self.clients.respond(earlier.effect(), earlier.id, outcome);
             }
-            self.link.call(&effect.request(), drop)?;
+            self.stream.send(effect)?;
             let pending = Pending::new(id, effect, stamps::now());
             self.pending.push(pending);
         }
@@ -290,7 +258,10 @@ impl<'a, 'b> Session<'a, 'b> {
                 Output::Move(setpoint) => {
                     let request = to_move(&setpoint, self.stroke).map_err(|error| Failure::Arm(error.to_string()))?;
                     self.is_streaming = true;
-                    self.link.call(&Request::Move(request), drop)?;
+                    match self.stream.move_to(&request) {
+                        Err(Error::TorqueOff { .. }) => self.motion.abort(&Abort::TorqueLost),
+                        sent => sent?,
+                    }
                 }
                 Output::Started(origin) => self.clients.started(origin),
                 Output::Feedback(goal, progress) => self.clients.feedback(goal, &self.joints, &progress),
@@ -306,7 +277,7 @@ impl<'a, 'b> Session<'a, 'b> {
 
     /// Ends the stream at the adapter, which would otherwise report a silent host.
     fn end_stream(&mut self) -> Result<(), Failure> {
-        if let Some(adapter) = self.adapter.as_mut().filter(|_| self.is_streaming) {
+        if let Some(adapter) = self.source.adapter().filter(|_| self.is_streaming) {
             adapter.call(control::Request::EndStream)?;
         }
         self.is_streaming = false;

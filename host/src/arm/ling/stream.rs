@@ -3,6 +3,7 @@
 use std::mem;
 use std::time::Duration;
 
+use armwire::ling::effect::Effect;
 use armwire::ling::{JointState, Move, Request};
 
 use super::Ling;
@@ -59,11 +60,16 @@ impl Stream {
         Ok(mem::take(&mut self.arrived))
     }
 
+    /// Takes a reading of this arm that another port delivered, such as that of an adapter which polls it.
+    pub fn on_joints(&mut self, state: &JointState) {
+        self.state = Some(*state);
+        self.arm.note(state);
+    }
+
     /// Takes readings.
     fn note(&mut self, readings: Vec<JointState>) {
         for state in readings {
-            self.state = Some(state);
-            self.arm.note(&state);
+            self.on_joints(&state);
             self.arrived.push(state);
         }
     }
@@ -80,6 +86,18 @@ impl Stream {
             (false, Some(state)) => Err(self.arm.without_torque(&state, TorqueOffEffect::MotionEnded)),
             (false, None) => Err(Error::at(self.name(), "the torque was not read before the first move")),
         }
+    }
+
+    /// Sends the request that has this effect: later readings show it. Torque-on leaves a motion as it is.
+    ///
+    /// # Errors
+    ///
+    /// The line fails.
+    pub fn send(&mut self, effect: Effect) -> Result<(), Error> {
+        let may_move = self.arm.may_move && !effect.drops_arm();
+        self.arm.send(effect)?;
+        self.arm.may_move = may_move;
+        Ok(())
     }
 
     /// The arm, to be called. No call takes an answer to the stream for its own.
