@@ -31,6 +31,7 @@ pub(crate) fn words(remedy: Remedy) -> String {
         Remedy::TryBaud => " (--baud)",
         Remedy::Listen => " 'armwire monitor' shows its joints.",
         Remedy::EndHold => " ('armwire hold')",
+        Remedy::Stop => "; 'armwire stop PORT' stops the arm",
         _ => "",
     }
     .to_owned()

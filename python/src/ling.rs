@@ -2,6 +2,7 @@
 
 use std::num::NonZeroU32;
 
+use armwire::ling::arrival::Tolerances;
 use armwire::ling::stop::{Grip, Stopped};
 use armwire::ling::{
     self, GripperSpeed, JOINTS, JointState, Kind, MotionStatus, Move, Opening, Position, Speed, Stroke,
@@ -225,9 +226,9 @@ pub(crate) fn ling_is_holding(status: u8) -> Option<bool> {
     MotionStatus::from(status).is_holding()
 }
 
-/// True if all joints have arrived at these targets, within the tolerance.
+/// The joints that have not arrived at these targets, in words; `None` if all have.
 #[pyfunction]
-pub(crate) fn ling_has_arrived(targets: [u16; JOINTS], ticks: [u16; JOINTS]) -> PyResult<bool> {
+pub(crate) fn ling_away(targets: [u16; JOINTS], ticks: [u16; JOINTS]) -> PyResult<Option<String>> {
     let mut target = Move {
         joints: [(Position::CENTRE, Speed::MAX); JOINTS],
         gripper: (Opening::CLOSED, GripperSpeed(0)),
@@ -235,9 +236,11 @@ pub(crate) fn ling_has_arrived(targets: [u16; JOINTS], ticks: [u16; JOINTS]) -> 
     for ((position, _speed), ticks) in target.joints.iter_mut().zip(targets) {
         *position = Position::new(ticks).map_err(value_error)?;
     }
-    Ok(target.are_joints_reached_by(&JointState {
+    let state = JointState {
         joints: ticks,
         gripper: 0,
         status: MotionStatus::Locked,
-    }))
+    };
+    let away = target.away(&state, &Tolerances::JOINTS);
+    Ok(away.map(|away| away.to_string()))
 }

@@ -223,7 +223,7 @@ def test_low_temperature_limit_shows_as_overheating(arm: armwire.Ling) -> None:
 
 
 def test_target_not_reached_names_the_joint(arm: armwire.Ling) -> None:
-    with pytest.raises(TimeoutError, match=r"after 0.1 s joint 2 is 20.04° off"):
+    with pytest.raises(TimeoutError, match=r"target not reached after 0.1 s: joint 2 is 20.04° off"):
         arm.wait_until_at_deg([0, -20, 0, 0, 0, 0], timeout_s=0.1)
 
 

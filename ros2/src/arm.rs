@@ -5,10 +5,11 @@ use std::time::{Duration, Instant};
 
 use armwire::ling::effect::Effect;
 use armwire::ling::{JOINTS, JointState, Stroke};
+use armwire::time;
 use armwire_bridge::config::{ArmKind, MAX_POLL_HZ, Poll};
 use armwire_bridge::control::{self, Event, Initiator, Subscription};
 use armwire_host::stamps::{self, Clock};
-use armwire_host::{Adapter, Error, Options, Stream, adapter};
+use armwire_host::{Adapter, Error, Options, SilenceLimit, Stream, adapter};
 use ros2_client::RmwRequestId;
 
 use crate::clients::{Asked, Clients};
@@ -22,8 +23,6 @@ use crate::trajectory::{Joint, Refusal};
 
 /// Time between two attempts to open a port.
 const RETRY: Duration = Duration::from_secs(1);
-/// Minimum time without a reading after which an arm counts as silent. With slow readings it is three periods.
-const SILENCE: Duration = Duration::from_millis(500);
 
 /// The reason why an arm is not served until its port is reopened.
 #[derive(Debug, thiserror::Error)]
@@ -146,7 +145,8 @@ impl<'a, 'b> Session<'a, 'b> {
 
     fn serve(&mut self, stop: &AtomicBool) -> Result<(), Failure> {
         let mut received = Instant::now();
-        let silence = SILENCE.max(3 * self.period);
+        let period = time::Duration::from_micros(self.period.as_micros() as u64);
+        let silence = Duration::from(SilenceLimit::PORT.at(period));
         while !stop.load(Ordering::Relaxed) {
             let mut is_received = false;
             for input in self.source.receive(&mut self.stream)? {

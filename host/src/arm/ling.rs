@@ -6,6 +6,7 @@ use std::fmt;
 use std::thread;
 use std::time::{Duration, Instant};
 
+use armwire::ling::arrival::{Arrival, Tolerances};
 use armwire::ling::effect::{Effect, Outcome, ReadBack, Verdict};
 use armwire::ling::stop::{Grip, Stopped};
 use armwire::ling::{
@@ -17,16 +18,15 @@ use crate::arm::legacy;
 use crate::arm::pose::OnPose;
 use crate::arm::stop;
 use crate::error::text::Text;
-use crate::error::{self, Error, Silence, TorqueOffEffect};
+use crate::error::{Error, Silence, TorqueOffEffect};
 use crate::ports::control::Adapter;
 use crate::ports::link::{Interrupt, LineErrors, Link};
 use crate::ports::port::Connection;
+use crate::time::silence::Silence as Silent;
 use crate::time::stopwatch::Stopwatch;
 
 pub use stream::Stream;
 
-/// A gripper whose reading is the same for this long stands still: it may hold something.
-const STANDSTILL_TIME: Duration = Duration::from_secs(1);
 /// Period of the readings during a motion.
 const POLL_PERIOD: Duration = Duration::from_millis(20);
 
@@ -93,7 +93,7 @@ impl Connection {
 
 impl Ling {
     /// The time without an answer after which an arm in motion is asked to stop.
-    pub const SILENCE: Duration = error::SILENCE;
+    pub const SILENCE: Duration = Duration::from_micros(Silent::STOP.least().as_micros());
 
     /// Reads the arm's kind, serial number and versions.
     pub fn read_info(&mut self) -> Result<Info, Error> {
@@ -431,18 +431,22 @@ impl Ling {
 
     /// Reads until the target is reached, or the gripper stands still at reached joints.
     fn wait_for(&mut self, target: &Move, limit: Duration) -> Result<JointState, Error> {
-        let start = Instant::now();
-        let mut gripper = Standstill::default();
+        let clock = Stopwatch::start();
+        let mut arrival = Arrival::new(*target, Tolerances::MOVE);
         loop {
             self.link.check_interrupt()?;
             let state = self.read_motion()?;
-            let stands_still = gripper.lasts(start.elapsed(), state.gripper) >= STANDSTILL_TIME;
-            if target.are_joints_reached_by(&state) && (stands_still || target.is_gripper_reached_by(&state)) {
+            let Err(away) = arrival.on_joints(clock.now(), &state) else {
                 return Ok(state);
-            }
-            if start.elapsed() >= limit {
+            };
+            if clock.0.elapsed() >= limit {
                 let name = self.link.name().into();
-                return Err(Error::NotReached { name, state, limit });
+                return Err(Error::NotReached {
+                    name,
+                    state,
+                    away,
+                    limit,
+                });
             }
             thread::sleep(POLL_PERIOD);
         }
@@ -480,23 +484,6 @@ impl fmt::Debug for Ling {
     }
 }
 
-/// A gripper's reading, and the time since which it is the same.
-#[derive(Default)]
-struct Standstill(Option<(u16, Duration)>);
-
-impl Standstill {
-    /// Takes a reading, and returns how long it has been the same.
-    fn lasts(&mut self, now: Duration, opening: u16) -> Duration {
-        match self.0 {
-            Some((before, since)) if before == opening => now - since,
-            _ => {
-                self.0 = Some((opening, now));
-                Duration::ZERO
-            }
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use std::sync::mpsc;
@@ -508,14 +495,6 @@ mod tests {
     use crate::describe::Arm;
     use crate::error::text::Text;
     use crate::ports::line::{Line, Names, Reception};
-
-    #[test]
-    fn gripper_stands_still_while_its_reading_stays() {
-        let mut gripper = Standstill::default();
-        let lasts = |(millis, opening): (u64, u16)| gripper.lasts(Duration::from_millis(millis), opening).as_millis();
-        let readings = [(10, 0), (500, 0), (600, 1), (1600, 1), (1601, 0), (1602, 0)];
-        assert_eq!(readings.map(lasts), [0, 490, 0, 1000, 0, 1]);
-    }
 
     /// A line that fails once it has taken this number of writes.
     struct Failing(usize);

@@ -12,6 +12,7 @@ use std::io;
 use std::time::Duration;
 
 use armwire::ErrorFrame;
+use armwire::ling::arrival::Away;
 use armwire::ling::effect::Outcome;
 use armwire::ling::legacy::OlderGeneration;
 use armwire::ling::stop::Stopped;
@@ -23,9 +24,7 @@ use crate::error::outside::Outside;
 use crate::error::received::Missing;
 use crate::error::text::{Remedy, Text};
 use crate::error::usb_fault::UsbFault;
-
-/// The time without an answer after which an arm in motion is asked to stop.
-pub(crate) const SILENCE: Duration = Duration::from_secs(2);
+use crate::time::silence;
 
 /// The reason for a failed call, in one line: [`Display`] is for people, the variant is for programs. Text from outside is
 /// escaped: see [`Outside`].
@@ -83,6 +82,7 @@ pub enum Error {
     NotReached {
         name: Outside,
         state: JointState,
+        away: Away,
         limit: Duration,
     },
     /// The program's [interrupt](crate::Interrupt) returned this error, and the arm was stopped.
@@ -200,7 +200,7 @@ impl Error {
             }
             Self::Contradicted { name, outcome } => at(name, &outcome.to_string()),
             Self::Unanswered { name, silence } => {
-                let seconds = SILENCE.as_secs();
+                let seconds = silence::Silence::STOP.least().as_micros() / 1_000_000;
                 let what = at(name, &format!("no answer for {seconds} s during a motion (")).append(&silence.cause);
                 match (&silence.stopped, silence.last) {
                     (Ok(Stopped::AtRest { state, .. }), _) => what.and(&format!("), so the arm was stopped: {state}")),
@@ -212,9 +212,14 @@ impl Error {
                         .and(&format!("; last reading of the motion: {last}")),
                 }
             }
-            Self::NotReached { name, state, limit } => {
+            Self::NotReached {
+                name,
+                state,
+                away,
+                limit,
+            } => {
                 let (seconds, status) = (limit.as_secs_f32(), state.status);
-                let what = format!("target not reached after {seconds} s (status {status})");
+                let what = format!("target not reached after {seconds} s: {away} (status {status})");
                 at(name, &what).remedy(Remedy::Stop)
             }
             Self::Stopped { name, reason, .. } => at(name, &format!("stopped: {reason}")),

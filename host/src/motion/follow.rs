@@ -11,11 +11,10 @@ use armwire::time::{Duration, Instant};
 
 use crate::motion::goal::{APPROACH_SPEED, Deviation, Goal, Limits, degrees, farthest, seconds};
 use crate::time::pace::Pace;
+use crate::time::silence::Silence;
 
-/// The age of a reading from which on it is late, at rates over 20 Hz.
-const MAX_AGE: Duration = Duration::from_millis(150);
 /// The time for the first readings.
-const MAX_WAIT: Duration = Duration::from_millis(2_000);
+const MAX_WAIT: Duration = Silence::STOP.least();
 /// Distance of the arms, in ticks, up to which the follower follows at once: 5°.
 const NEAR: f64 = 56.0;
 /// Distance of the leader from the goal, in ticks, from which on it is not followed: 45°. A joint that turns past ±180°
@@ -338,7 +337,7 @@ impl Follow {
 
     /// The reason to rest, if an arm was not read for too long.
     fn late(&self, now: Instant, leader: &Reading, follower: &Reading) -> Option<Pause> {
-        let limit = self.pace.late(MAX_AGE);
+        let limit = Silence::PAUSE.at(self.pace.period());
         let ages = [now.since(leader.at), now.since(follower.at)];
         match ages.map(|age| age > limit) {
             [true, _] => Some(Pause::LeaderLate(ages[0])),

@@ -26,6 +26,7 @@ use crate::error::Error;
 use crate::error::outside::Outside;
 use crate::ports::control::Adapter;
 use crate::time::pace::Pace;
+use crate::time::silence::Silence;
 use crate::time::stamps::{HostTime, monotonic};
 use crate::time::stopwatch::Stopwatch;
 use history::{History, Missing};
@@ -33,9 +34,6 @@ use patience::Patience;
 use polled::Polled;
 
 pub use pose::Readable;
-
-/// Default limit of a pose's age, unless three periods are longer.
-const MAX_AGE: Duration = Duration::from_millis(100);
 
 /// Readings per second, 1 to 1000.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -310,7 +308,7 @@ impl<A: Readable> Reader<A> {
         Self {
             arm: arm.clone(),
             history: Arc::new(History::new()),
-            max_age: MAX_AGE.max(3 * rate.period()),
+            max_age: Silence::POSE.at(time::Duration::from_micros(rate.micros())).into(),
             stop: Arc::default(),
             thread: None,
         }

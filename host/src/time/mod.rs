@@ -1,5 +1,6 @@
 //! Time: clocks, stamps, and repetitions at a rate.
 
 pub(crate) mod pace;
+pub(crate) mod silence;
 pub mod stamps;
 pub mod stopwatch;

@@ -21,11 +21,6 @@ impl Pace {
         self.period
     }
 
-    /// The age from which on a reading is late: this, and three periods at least.
-    pub(crate) fn late(&self, least: Duration) -> Duration {
-        least.max(Duration::from_micros(self.period.as_micros().saturating_mul(3)))
-    }
-
     /// Begins a repetition that is due, once. Returns the number of those before it that were missed; `None` before its
     /// time.
     pub(crate) fn begin(&mut self, now: Instant) -> Option<u64> {

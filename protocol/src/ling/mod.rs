@@ -13,6 +13,7 @@
 //! ```
 
 mod answer;
+pub mod arrival;
 mod correlation;
 #[cfg(feature = "async")]
 mod driver;

@@ -135,15 +135,10 @@ class Wait:
         Raises:
             TimeoutError: A joint has not, and the time is over.
         """
-        if _armwire.ling_has_arrived(self._targets, state.ticks):
-            return True
-        if time.monotonic() >= self._until:
-            off = [abs(target - ticks) for target, ticks in zip(self._targets, state.ticks, strict=True)]
-            worst = max(range(len(off)), key=off.__getitem__)
-            raise TimeoutError(
-                f"{self._port}: after {self._timeout_s:g} s joint {worst + 1} is {off[worst] * DEG_PER_TICK:.2f}° off"
-            )
-        return False
+        away = _armwire.ling_away(self._targets, state.ticks)
+        if away is not None and time.monotonic() >= self._until:
+            raise TimeoutError(f"{self._port}: target not reached after {self._timeout_s:g} s: {away}")
+        return away is None
 
 
 class Ling(Open):

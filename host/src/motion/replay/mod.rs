@@ -15,12 +15,11 @@ use armwire::time::{Duration, Instant};
 
 use crate::motion::goal::{APPROACH_SPEED, Deviation, Goal, Limits, degrees, farthest, seconds};
 use crate::time::pace::Pace;
+use crate::time::silence::Silence;
 
 pub use motion::{Motion, Point, Range, Refusal};
 pub use tracking::Tracking;
 
-/// The age of a reading up to which moves are sent, at rates over 12 Hz.
-const MAX_AGE: Duration = Duration::from_millis(250);
 /// The time at the first pose before the motion, and at the last one behind it.
 const PAUSE: Duration = Duration::from_millis(500);
 
@@ -186,7 +185,7 @@ impl Replay {
             Phase::Approach | Phase::Pause(_) | Phase::Play(_) | Phase::Rest(_) => {}
         }
         let age = now.since(self.arm.as_ref().map_or(begun, |arm| arm.at));
-        if age > self.pace.late(MAX_AGE) {
+        if age > Silence::FAILURE.at(self.pace.period()) {
             let failure = Failure::Silent(age);
             self.phase = Phase::Failed(failure);
             return Err(failure);
