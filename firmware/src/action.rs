@@ -13,8 +13,8 @@ use embassy_futures::block_on;
 use embassy_time::Timer;
 
 use crate::adapter::{Adapter, Work};
-use crate::clock::now;
 use crate::board::{CONFIG_FLASH, ConfigFlash, FlashError, is_supply_low};
+use crate::clock::now;
 use crate::progress::{Task, rest};
 use crate::restart;
 

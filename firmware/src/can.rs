@@ -9,8 +9,8 @@ use embassy_futures::yield_now;
 use embassy_time::{Duration, Instant, with_timeout};
 
 use crate::adapter::{Adapter, Work};
-use crate::clock::now;
 use crate::board::{CAN_CAPACITY, Can};
+use crate::clock::now;
 use crate::progress::{Task, progress, rest};
 
 /// Maximum time to send the controller's frames before a restart.

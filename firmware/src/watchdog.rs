@@ -7,10 +7,10 @@ use armwire_bridge::start::StartLog;
 use embassy_time::Timer;
 
 use crate::adapter::Adapter;
-use crate::clock::now;
 use crate::board::Watchdog;
-use crate::progress::end_round;
+use crate::clock::now;
 use crate::pend::pend;
+use crate::progress::end_round;
 use crate::restart;
 
 /// The timeout, by the watchdog's own clock, which may be off by half. The erase of both flash sectors of the

@@ -14,11 +14,11 @@ use core::sync::atomic::{AtomicBool, AtomicU32, AtomicUsize, Ordering};
 use armwire_bridge::{Duration, Instant, LineCoding, RxRing};
 
 use super::{BYTES, ERRORS, RING_OVERRUN, SIZE, byte_at, wake, with_ring};
-use crate::clock::now;
 use crate::board::hal::interrupt::typelevel::Handler;
 use crate::board::usart;
 use crate::board::{IdleInterrupt, RxInterrupt, UartInterrupt, clear_idle_alarm, has_passed, set_idle_alarm};
 use crate::ceiling::{SERVICE, mask};
+use crate::clock::now;
 
 /// The UART, for its line coding.
 pub(crate) struct Uart;

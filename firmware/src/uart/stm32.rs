@@ -25,9 +25,9 @@ use embassy_stm32::usart::{self as hal, UartRx};
 use portable_atomic::Ordering;
 
 use super::{BYTES, ERRORS, RING_OVERRUN, SIZE, byte_at, transmission_complete, wake, with_ring};
-use crate::clock::now;
 use crate::board::usart::{self, Status};
 use crate::board::{RX_REQUEST, RxInterrupt, UartInterrupt};
+use crate::clock::now;
 
 pub(crate) use byte_interrupt::SleepHandler;
 

@@ -7,9 +7,9 @@ use armwire_bridge::{Bridge, Instant, Transmit, UartConfig};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 
-use crate::clock::now;
 use crate::board::hal::interrupt::typelevel::Handler;
 use crate::board::{TxInterrupt, transmit_at, usart};
+use crate::clock::now;
 use crate::pend::pend;
 
 /// The configuration to change to. Nothing is sent until the change is done.

@@ -16,9 +16,9 @@ use embassy_usb::{Builder, Config, FunctionBuilder, Handler, UsbDevice};
 use static_cell::StaticCell;
 
 use crate::adapter::{Adapter, Work};
-use crate::clock::now;
 use crate::board::{self, UsbDriver};
 use crate::ceiling::{SERVICE, mask};
+use crate::clock::now;
 use crate::progress::{Task, rest};
 use crate::usb::pipe::{Endpoints, FromHost, SharedEndpoint, ToHost};
 

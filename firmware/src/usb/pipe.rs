@@ -13,8 +13,8 @@ use embassy_sync::mutex::Mutex;
 use embassy_usb::driver::{Driver, Endpoint, EndpointIn, EndpointOut};
 
 use crate::adapter::{Adapter, Work};
-use crate::clock::now;
 use crate::board::UsbDriver;
+use crate::clock::now;
 use crate::progress::{Task, rest};
 
 pub(crate) type ToHost = <UsbDriver as Driver<'static>>::EndpointIn;

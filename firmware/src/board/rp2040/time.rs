@@ -10,8 +10,8 @@ use embassy_rp::interrupt::typelevel::{Handler, Interrupt, TIMER_IRQ_0, TIMER_IR
 use embassy_rp::pac::TIMER;
 
 use super::{IdleInterrupt, uart};
-use crate::clock::now;
 use crate::board::timers;
+use crate::clock::now;
 use crate::pend::pend;
 use crate::uart::burst_ended;
 
