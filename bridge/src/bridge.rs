@@ -326,7 +326,7 @@ impl Bridge {
     }
 
     /// Handles a packet of the host on the serial port. Returns true if the next one fits. Leave it in the endpoint
-    /// while [`Status::usb_room`] is false: USB flow control then holds the host back.
+    /// while [`Status::usb_room`] is false: USB flow control then pauses the host.
     pub fn usb_received(&mut self, packet: &[u8], now: Instant) -> bool {
         let line = self.line.settled();
         if line.may_be_taken() {
@@ -403,7 +403,7 @@ impl Bridge {
     }
 
     /// Handles a packet of the host on the control interface. Returns true if the next one fits. Leave it in the
-    /// endpoint while [`Status::control_room`] is false: USB flow control then holds the host back.
+    /// endpoint while [`Status::control_room`] is false: USB flow control then pauses the host.
     ///
     /// ```
     /// use armwire_bridge::control::{FromAdapter, FromHost, MAX_COBS, Reader, Reply, Request, encode_cobs};

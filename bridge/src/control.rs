@@ -91,22 +91,22 @@ pub enum Request {
     EndStream,
     /// Reads the state of the line. Answered by [`Reply::Line`]. Since version 3.
     GetLine,
-    /// Holds the line exclusively for the host on USB for [`HOLD_LEASE_MS`]: no polls, no CAN, no torque-off. Answered
-    /// by [`Reply::Done`]; by [`Failure::StreamArmed`] while a host streams motion; and by [`Failure::Busy`] while a
-    /// host on the other control port holds the line, or while the adapter stops the arm. Each repetition renews the
-    /// lease. Since version 3.
+    /// Reserves the line for the host on USB for [`RESERVATION_MS`]: no polls, no CAN, no torque-off. Answered by
+    /// [`Reply::Done`]; by [`Failure::StreamArmed`] while a host streams motion; and by [`Failure::Busy`] while a host on
+    /// the other control port has reserved the line, or while the adapter stops the arm. Each repetition renews the
+    /// reservation. Since version 3.
     ///
-    /// A USB device cannot detect that a program closes the control port. The hold therefore ends with
-    /// [`ReleaseLine`](Self::ReleaseLine), with the lease, or when the port's host is gone.
-    HoldLine,
-    /// Ends a [`HoldLine`](Self::HoldLine) of the same port. Answered by [`Reply::Done`]. Since version 3.
+    /// A USB device cannot detect that a program closes the control port. The reservation therefore ends with
+    /// [`ReleaseLine`](Self::ReleaseLine), after its time, or when the port's host is gone.
+    ReserveLine,
+    /// Ends the reservation of the same port. Answered by [`Reply::Done`]. Since version 3.
     ReleaseLine,
     /// Stops the arm, whoever moves it: motion that waits is dropped, all streams of motion end with the torque on, the
     /// arm is held in its present pose, and further motion is [refused](Refusal::Stopped) for [`STOP_MS`]. Each
     /// repetition renews that time. Since version 5.
     ///
     /// Answered by [`Reply::Done`] once the hold goes to the arm, or if the arm has no torque: nothing is sent to it then,
-    /// nor while torque-off waits. Answered by [`Failure::LineHeld`] during [`HoldLine`](Self::HoldLine) and by
+    /// nor while torque-off waits. Answered by [`Failure::LineReserved`] during a requested reservation and by
     /// [`Failure::NotStoppable`], without any effect; by [`Failure::ArmSilent`] and [`Failure::PoseOutOfRange`], with
     /// motion refused; and by [`Failure::Busy`] if an earlier stop of this port is not answered yet, which it renews.
     Stop,
@@ -120,8 +120,8 @@ pub enum Request {
 /// The time without motion after a [`Request::Stop`], in milliseconds.
 pub const STOP_MS: u16 = 2_000;
 
-/// The lease of [`Request::HoldLine`], in milliseconds. Renew it at least every third of that.
-pub const HOLD_LEASE_MS: u16 = 10_000;
+/// Duration of a reservation by [`Request::ReserveLine`], in milliseconds. Renew it at least every third of that.
+pub const RESERVATION_MS: u16 = 10_000;
 
 /// The events that a host subscribes to.
 ///
@@ -245,7 +245,7 @@ pub enum Reply {
     Saved(Saved),
 }
 
-/// The line to the arm, and its holder.
+/// The line to the arm, and its reservation.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -254,26 +254,27 @@ pub struct LineState {
     pub coding: LineCoding,
     /// The arm's own line coding, of the configured [`ArmKind`].
     pub arm: LineCoding,
-    /// The holder of the line.
-    pub holder: LineHolder,
+    /// The reservation of the line.
+    pub reservation: LineReservation,
     /// A line coding that has not taken effect yet: the bytes before it are still going out, or the host on USB has set
     /// it and it must wait.
     pub waiting: Option<LineCoding>,
 }
 
-/// The exclusive user of the line to the arm. Polls and CAN are [refused](Refusal::LineHeld) meanwhile.
+/// Reservation of the line to the arm for the host on USB. Meanwhile polls and CAN are
+/// [refused](Refusal::LineReserved).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
-pub enum LineHolder {
-    /// No holder: all initiators take turns.
+pub enum LineReservation {
+    /// All initiators take turns.
     #[default]
-    Nobody,
-    /// The host on USB, because it has set another rate than the arm's.
+    None,
+    /// The host on USB has set a rate other than the arm's.
     OtherRate,
-    /// The host on USB, by [`Request::HoldLine`].
-    HoldLine,
+    /// A control port has requested it by [`Request::ReserveLine`].
+    Requested,
 }
 
 /// The reason for a failed request.
@@ -294,8 +295,8 @@ pub enum Failure {
         /// Time until the next save is possible, in seconds.
         wait_s: u16,
     },
-    /// The host on USB [holds the line](LineHolder). Since version 3.
-    LineHeld,
+    /// The line is [reserved](LineReservation) for the host on USB. Since version 3.
+    LineReserved,
     /// The supply voltage is too low to erase or program the flash. The saved configuration stays. Since version 3.
     SupplyLow,
     /// The arm did not answer in the time of a [`Request::Stop`]: it may still move. Since version 5.
@@ -423,8 +424,9 @@ pub enum Refusal {
     Stale,
     /// A value of a command is out of range.
     OutOfRange,
-    /// The host on USB [holds the line](LineHolder). Only the first refused poll is reported. Since version 3.
-    LineHeld,
+    /// The line is [reserved](LineReservation) for the host on USB. Only the first refused poll is reported. Since
+    /// version 3.
+    LineReserved,
     /// Bytes of the host on USB for a rate that is not in effect: while a host on CAN streams motion, and after
     /// torque-off or a stop until the host sets the rate again. Only the first are reported. Since version 3.
     OtherRate,
@@ -440,7 +442,7 @@ impl Refusal {
         Self::Incomplete,
         Self::Stale,
         Self::OutOfRange,
-        Self::LineHeld,
+        Self::LineReserved,
         Self::OtherRate,
         Self::Stopped,
     ];
@@ -451,7 +453,7 @@ impl Refusal {
         match self {
             Self::QueueFull | Self::NotAFrame => &[Can, Command],
             Self::Incomplete | Self::Stale | Self::OutOfRange => &[Command],
-            Self::LineHeld => &[Can, Poll, Command, Adapter],
+            Self::LineReserved => &[Can, Poll, Command, Adapter],
             Self::OtherRate => &[Usb],
             Self::Stopped => &[Usb, Can, Command],
         }
@@ -531,7 +533,7 @@ impl fmt::Display for Refusal {
             Self::Incomplete => "incomplete command",
             Self::Stale => "stale command",
             Self::OutOfRange => "value out of range",
-            Self::LineHeld => "the host on USB holds the line",
+            Self::LineReserved => "the line is reserved for USB",
             Self::OtherRate => "rate not in effect",
             Self::Stopped => "the arm was stopped",
         })

@@ -162,9 +162,9 @@ counters! {
         pub config_failures: u32,
         /// CAN frames that had not left the CAN controller 10 ms after a reconfiguration of the bus was due.
         pub dropped_can_frames: u32,
-        /// Requests and commands from CAN and requests of the adapter refused because the host on USB held the line,
-        /// and times a hold began while polling was on.
-        pub refused_line_held: u32,
+        /// Requests and commands from CAN and requests of the adapter refused because the line was reserved for
+        /// the host on USB, and times a reservation began while polling was on.
+        pub refused_line_reserved: u32,
         /// Times the host on USB began to send bytes for a rate that was not in effect.
         pub refused_other_rate: u32,
         /// Bytes refused for that reason, and bytes that waited for another rate when torque-off or a stop took the

@@ -14,7 +14,7 @@
 //! * **Arm to host**: bytes leave in a USB packet when a frame ends, when the line goes idle or when they fill a
 //!   packet, whichever is first. A zero-length packet ends a transfer that a full packet would leave open.
 //! * **Host to arm**: while the host on USB is the only initiator, its bytes go to the arm at once. A packet is accepted
-//!   only if it fits; USB flow control then holds the host back.
+//!   only if it fits; USB flow control then pauses the host.
 //! * **A host that does not read** loses bytes and never delays the arm: the queue towards it is bounded, and bytes
 //!   that do not fit are dropped and counted.
 //! * **The line's rate** is the arm's. Another [line coding](Bridge::set_line_coding) of the host takes effect with its
@@ -36,16 +36,17 @@
 //!   also for initiators that wait after the line has returned to the arm's rate.
 //! * **Eight requests** in flight are tracked. A host on USB that is alone on the line may send more, which are
 //!   [counted](Counters::untracked_requests); other initiators then wait until the last of them can no longer be
-//!   answered. A host that shares the line is held back.
+//!   answered. A host that shares the line waits.
 //! * **An incomplete request on USB** keeps the line for 10 ms after its last byte. A *void* then ends it before another
 //!   initiator's request: 261 zeros, as many bytes as the longest frame for whose rest an arm may wait. A void also ends
 //!   bytes that the arm received at another rate. A void that the host itself sends ends its turn at once.
 //! * **Bytes outside of requests**, for example a firmware update by the vendor's tool, keep the line until it has been
 //!   quiet in both directions for 5 ms. If other initiators wait, that ends after 100 ms, at any byte. If two
 //!   initiators send such bytes, their bytes interleave in pieces; a piece from CAN is a whole PDU.
-//!   [`HoldLine`](control::Request::HoldLine) excludes the others.
-//! * **A host on USB that sets another rate, or holds the line**, has it exclusively: polls, commands and requests of
-//!   others are [refused](control::Refusal::LineHeld). [`GetLine`](control::Request::GetLine) returns the holder.
+//!   [`ReserveLine`](control::Request::ReserveLine) excludes the others.
+//! * **The line is reserved** for the host on USB by that request, and while the host has another rate: polls, commands
+//!   and requests of others are [refused](control::Refusal::LineReserved). [`GetLine`](control::Request::GetLine)
+//!   returns the reservation.
 //! * **A host that streamed motion and went silent** is [reported](control::Event::HostSilent), and its unsent bytes
 //!   are dropped. The torque goes off if [configured](config::HostTimeout::torque_off). Torque-off waits for no answer.
 //! * **A [`Stop`](control::Request::Stop)** on the control port drops the motion that waits, holds the arm in its present

@@ -1,6 +1,6 @@
 //! The log, with feature `defmt`. `docs/logs.md` explains each line. Nothing on the path of a byte is logged.
 
-use crate::control::{Event, LineHolder};
+use crate::control::{Event, LineReservation};
 
 /// Logs an event other than a frame.
 pub(crate) fn event(event: &Event) {
@@ -27,6 +27,6 @@ pub(crate) fn event(event: &Event) {
     }
 }
 
-pub(crate) fn holder(holder: LineHolder) {
-    defmt::info!("holder of the line: {}", holder);
+pub(crate) fn reservation(reservation: LineReservation) {
+    defmt::info!("reservation of the line: {}", reservation);
 }

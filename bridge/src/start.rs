@@ -254,7 +254,7 @@ const KEPT: u8 = 0x80;
 
 static CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
 
-/// The checksum of the words' little-endian bytes. Bit by bit it would hold up the arm's bytes for 30 µs.
+/// The checksum of the words' little-endian bytes. Bit by bit it would delay the arm's bytes for 30 µs.
 fn crc(words: &[u32]) -> u32 {
     let mut digest = CRC.digest();
     for word in words {

@@ -5,7 +5,7 @@ extern crate std;
 mod act_first;
 mod can;
 mod control;
-mod held_back;
+mod delayed;
 mod line_rate;
 mod no_can;
 mod order;
@@ -188,7 +188,7 @@ fn stopped_host_blocks_no_arm_loses_only_overflow() {
 }
 
 #[test]
-fn bytes_that_were_dropped_hold_nothing_back() {
+fn bytes_that_were_dropped_delay_nothing() {
     let mut bridge = Bridge::default();
     bridge.usb_event(UsbEvent::Configured(true), NOW);
     bridge.uart_received(&[7; TO_HOST_BUFFER], NOW);
@@ -199,7 +199,7 @@ fn bytes_that_were_dropped_hold_nothing_back() {
 }
 
 #[test]
-fn host_is_held_back_until_packet_fits() {
+fn host_is_delayed_until_packet_fits() {
     let mut bridge = open();
     let mut expected = Vec::new();
     while bridge.update(NOW).usb_room {

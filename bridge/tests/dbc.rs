@@ -202,7 +202,7 @@ fn events_and_initiators_have_their_names() {
         Refusal::Incomplete,
         Refusal::Stale,
         Refusal::OutOfRange,
-        Refusal::LineHeld,
+        Refusal::LineReserved,
         Refusal::OtherRate,
         Refusal::Stopped,
     ];

@@ -1,8 +1,8 @@
-//! An adapter on the command line: its port, and the holder of its line.
+//! An adapter on the command line: its port, and the reservation of its line.
 
 use armwire_bridge::config::Can;
 use armwire_bridge::slcan::BitRate;
-use armwire_host::{Adapter, Options, Port, RECOVERY, has_serial_port, line_holder};
+use armwire_host::{Adapter, Options, Port, RECOVERY, has_serial_port, line_reservation};
 use clap::Args;
 
 use crate::error::Error;
@@ -55,13 +55,13 @@ impl AdapterPort {
     }
 }
 
-/// Reports the holder of the line on standard error, if there is one.
-pub(crate) fn report_holder(control: &mut Adapter) -> Result<(), Error> {
-    if let Some(holder) = control.line()?.as_ref().and_then(line_holder::describe) {
+/// Reports the reservation of the line on standard error, if there is one.
+pub(crate) fn report_reservation(control: &mut Adapter) -> Result<(), Error> {
+    if let Some(reservation) = control.line()?.as_ref().and_then(line_reservation::describe) {
         print_error(&format_args!(
             "{}: the line runs at {}",
             control.name(),
-            holder.with(words)
+            reservation.with(words)
         ));
     }
     Ok(())

@@ -89,7 +89,7 @@ impl Configure {
                 control = self.follow(control, &Config::default())?;
             }
         }
-        adapter::report_holder(&mut control)?;
+        adapter::report_reservation(&mut control)?;
         adapter::report_recovery(&mut control)?;
         let (identity, config) = (control.identify()?, control.config()?);
         if self.json {

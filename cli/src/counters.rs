@@ -27,7 +27,7 @@ pub(crate) struct Counters {
 impl Counters {
     pub(crate) fn run(&self) -> Result<(), Error> {
         let mut control = self.adapter.open()?;
-        adapter::report_holder(&mut control)?;
+        adapter::report_reservation(&mut control)?;
         let counters = control.counters()?;
         let latencies = control.latencies()?;
         let latencies = histograms(&latencies);

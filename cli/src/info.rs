@@ -2,7 +2,7 @@
 
 use armwire_bridge::config::{Can, Poll};
 use armwire_host::describe::{Arm, Fact, object};
-use armwire_host::{Adapter, LineErrors, Link, RECOVERY, XArm, line_holder};
+use armwire_host::{Adapter, LineErrors, Link, RECOVERY, XArm, line_reservation};
 use clap::Args;
 
 use crate::adapter;
@@ -133,8 +133,8 @@ impl Report {
         if !identity.no_can {
             self.add(Fact::of("can", can(&config.can), []))?;
         }
-        match control.line()?.as_ref().and_then(line_holder::describe) {
-            Some(holder) => self.add(Fact::words("rate", holder.with(words))),
+        match control.line()?.as_ref().and_then(line_reservation::describe) {
+            Some(rate) => self.add(Fact::words("rate", rate.with(words))),
             None => Ok(()),
         }
     }

@@ -13,7 +13,6 @@ mod counters;
 mod decode;
 mod error;
 mod hex;
-mod hold;
 mod info;
 mod list;
 mod monitor;
@@ -26,6 +25,7 @@ mod recording;
 mod remedies;
 #[cfg(feature = "recordings")]
 mod replay;
+mod reserve;
 #[cfg(feature = "selftest")]
 pub mod selftest;
 mod signals;
@@ -105,7 +105,7 @@ enum Command {
     Counters(counters::Counters),
     /// Reserve the arm's line for USB until Ctrl-C: no polls, no CAN, no torque-off. For updates of the arm's own
     /// firmware.
-    Hold(hold::Hold),
+    Reserve(reserve::Reserve),
     /// Test an adapter board with a jumper from TX to RX in place of the arm. Takes two minutes.
     #[cfg(all(feature = "selftest", target_os = "linux"))]
     Selftest(selftest::command::Selftest),
@@ -210,7 +210,7 @@ fn run(command: &Command) -> Result<(), Error> {
         Command::Decode(decode) => decode.run(),
         Command::Config(config) => config.run(),
         Command::Counters(counters) => counters.run(),
-        Command::Hold(hold) => hold.run(signals::catch()?),
+        Command::Reserve(reserve) => reserve.run(signals::catch()?),
         #[cfg(all(feature = "selftest", target_os = "linux"))]
         Command::Selftest(selftest) => selftest.run(signals::catch()?),
         Command::Update(update) => update.run(),

@@ -30,7 +30,7 @@ pub(crate) fn words(remedy: Remedy) -> String {
         Remedy::TryAs(Protocol::Ling) => " (--arm ling, or 'armwire call ling')",
         Remedy::TryBaud => " (--baud)",
         Remedy::Listen => " 'armwire monitor' shows its joints.",
-        Remedy::EndHold => " ('armwire hold')",
+        Remedy::EndReservation => " ('armwire reserve')",
         Remedy::Stop => "; 'armwire stop PORT' stops the arm",
         _ => "",
     }

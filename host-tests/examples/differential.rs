@@ -23,7 +23,7 @@ use oorandom::Rand32;
 /// Frames of each stream.
 const FRAMES: usize = 2_000;
 
-/// Bytes after the last frame, more than any parser waits for: no frame is held back because nothing follows.
+/// Bytes after the last frame, more than any parser waits for: no frame is delayed because nothing follows.
 const SILENCE: usize = 300;
 
 /// Damage to a stream.

@@ -167,7 +167,7 @@ fn start_is_logged_with_version_clock_and_configuration() {
         &[
             "info USB: configured by a host: true",
             "info USB: port open: true",
-            "info holder of the line: OtherRate",
+            "info reservation of the line: OtherRate",
             "info line: UartConfig { coding: LineCoding { baud: 115200,",
         ],
     );

@@ -6,7 +6,7 @@ use std::path::Path;
 /// The files of these tests.
 const TESTS: [&str; 35] = [
     "bridge/src/tests/control.rs",
-    "bridge/src/tests/held_back.rs",
+    "bridge/src/tests/delayed.rs",
     "bridge/src/tests/line_rate.rs",
     "bridge/src/tests/order.rs",
     "bridge/src/tests/recovery.rs",
@@ -19,7 +19,7 @@ const TESTS: [&str; 35] = [
     "cli/tests/program/teleop.rs",
     "host-tests/tests/image/crash_loop.rs",
     "host-tests/tests/image/flash.rs",
-    "host-tests/tests/image/held_back.rs",
+    "host-tests/tests/image/delayed.rs",
     "host-tests/tests/image/rate.rs",
     "host-tests/tests/image/recovery.rs",
     "host-tests/tests/image/start.rs",

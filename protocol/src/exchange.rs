@@ -315,8 +315,8 @@ impl<D: Correlation, I: Copy + Eq, const N: usize> Exchange<D, I, N> {
         pending.map(|sent| sent.due).min()
     }
 
-    /// The initiator of the oldest pending send, whose answer may be in flight.
-    pub fn holder(&self) -> Option<I> {
+    /// The initiator of the oldest open exchange: its send is pending, and the answer may be in flight.
+    pub fn open_initiator(&self) -> Option<I> {
         self.sends.iter().find(|sent| !sent.stale).map(|sent| sent.who)
     }
 

@@ -245,10 +245,10 @@ fn answer_to_repeat_counts_and_original_is_late() {
     assert_eq!(host.receive(&bytes(JOINTS)), [describe(Event::Unsolicited(JOINTS))]);
 }
 
-/// The next request is held back until the late answer has arrived, and gets its own.
+/// The next request is delayed until the late answer has arrived, and gets its own.
 fn expect_late_answer_first(host: &mut Lings) {
     host.client.submit(&Request::ReadJoints).unwrap();
-    assert_eq!(host.transmit(), 0, "held back");
+    assert_eq!(host.transmit(), 0, "delayed");
     assert_eq!(host.receive(&bytes(JOINTS)), [late()]);
     assert_eq!(host.transmit(), 7);
     assert_eq!(host.receive(&bytes(JOINTS)), [answer()]);
@@ -413,7 +413,7 @@ fn reading_leaves_other_late_answers_alone() {
     host.client.cancel();
     for request in [Request::ReadStroke, Request::ReadJoints] {
         host.client.submit(&request).unwrap();
-        assert_eq!(host.transmit(), 0, "held back");
+        assert_eq!(host.transmit(), 0, "delayed");
         host.client.cancel();
     }
     read(&mut host);
@@ -421,7 +421,7 @@ fn reading_leaves_other_late_answers_alone() {
 }
 
 #[test]
-fn torque_off_is_never_held_back() {
+fn torque_off_is_never_delayed() {
     let mut host = Lings::new(ONCE);
     host.send(Request::ReadJoints);
     assert_eq!(host.time_out(), 1);
@@ -458,7 +458,7 @@ fn motion(value: u16) -> Request {
 /// The requests that an arm executes, which searches every byte for a frame.
 fn executed<M: Messages + Default>(line: &[u8]) -> Vec<String> {
     let (mut arm, mut requests) = (Device::<M, 300>::new(M::default()), Vec::new());
-    // A false header holds back what follows, if all bytes arrive at once.
+    // A false header delays what follows, if all bytes arrive at once.
     for byte in line {
         assert!(arm.receive(&[*byte]).is_empty());
         while let Some(event) = arm.poll() {
@@ -717,7 +717,7 @@ fn answer_to_a_cancelled_request_is_late() {
 fn bytes_before_the_request_are_not_an_answer() {
     let mut host = Lings::new(Config::DEFAULT);
     let line = [&[0xAA, 0, 0, 60][..], &bytes(JOINTS)].concat();
-    assert_eq!(host.receive(&line), [""; 0], "a false header holds them back");
+    assert_eq!(host.receive(&line), [""; 0], "a false header delays them");
     host.send(Request::ReadJoints);
     host.client.idle();
     let events = host.events();
@@ -816,7 +816,7 @@ fn request_numbers_start_at_one_and_wrap() {
     for number in (1..=u16::MAX).chain(1..3) {
         host.client.submit(&xarm::Request::ReloadDynamics).unwrap();
         let Output::Transmit(bytes) = host.poll() else {
-            panic!("held back")
+            panic!("delayed")
         };
         assert_eq!(bytes[..2], number.to_be_bytes());
         host.client.transmitted(host.now, 7).unwrap();
@@ -825,7 +825,7 @@ fn request_numbers_start_at_one_and_wrap() {
 }
 
 #[test]
-fn numbered_requests_are_never_held_back() {
+fn numbered_requests_are_never_delayed() {
     let mut host = Arms::new(Config::TCP);
     for number in 1..20 {
         host.send(xarm::Request::ReloadDynamics);

@@ -52,7 +52,7 @@ const NOT_RUN: &[(&str, &str)] = &[
     ("noise_on_the_line", NO_NOISE),
     ("parity_errors_are_counted", NO_NOISE),
     ("canfd::", NO_CAN),
-    ("held_back::", NO_CAN),
+    ("delayed::", NO_CAN),
     ("port_at_9600_then_1m_spares_can_stream", NO_CAN),
 ];
 

@@ -153,7 +153,7 @@ impl From<&Counters> for Errors {
                 counters.commands_incomplete,
                 counters.commands_stale,
                 counters.commands_out_of_range,
-                counters.refused_line_held,
+                counters.refused_line_reserved,
                 counters.refused_stopped,
             ]) as u8,
         }
@@ -269,7 +269,7 @@ const fn refusal_code(reason: Refusal) -> u8 {
         Refusal::Incomplete => 3,
         Refusal::Stale => 4,
         Refusal::OutOfRange => 5,
-        Refusal::LineHeld => 6,
+        Refusal::LineReserved => 6,
         Refusal::OtherRate => 7,
         Refusal::Stopped => 8,
     }

@@ -13,7 +13,7 @@ use crate::can::Node;
 use crate::config::{ArmKind, Can, Config, ConfigError, HostTimeout, Poll};
 use crate::control::{
     ArmIdentity, Event, Failure, FrameBytes, FromAdapter, FromHost, Histogram, Identity, Initiator, Latencies,
-    LineHolder, LineState, MAX_COBS, MAX_EVENT, MAX_FRAME, Refusal, Reply, Request, Stamp, Subscription, VERSION,
+    LineReservation, LineState, MAX_COBS, MAX_EVENT, MAX_FRAME, Refusal, Reply, Request, Stamp, Subscription, VERSION,
 };
 use crate::store::Saved;
 use crate::{Counters, LineCoding, Parity, StopBits};
@@ -83,7 +83,7 @@ fn from_host() -> impl Strategy<Value = FromHost> {
         Just(Request::RestartIntoBootLoader),
         Just(Request::EndStream),
         Just(Request::GetLine),
-        Just(Request::HoldLine),
+        Just(Request::ReserveLine),
         Just(Request::ReleaseLine),
         Just(Request::Stop),
         Just(Request::GetRecovery),
@@ -173,12 +173,18 @@ fn coding() -> impl Strategy<Value = LineCoding> {
 }
 
 fn line_state() -> impl Strategy<Value = LineState> {
-    let holder = prop::sample::select(vec![LineHolder::Nobody, LineHolder::OtherRate, LineHolder::HoldLine]);
-    (coding(), coding(), holder, prop::option::of(coding())).prop_map(|(coding, arm, holder, waiting)| LineState {
-        coding,
-        arm,
-        holder,
-        waiting,
+    let reservation = prop::sample::select(vec![
+        LineReservation::None,
+        LineReservation::OtherRate,
+        LineReservation::Requested,
+    ]);
+    (coding(), coding(), reservation, prop::option::of(coding())).prop_map(|(coding, arm, reservation, waiting)| {
+        LineState {
+            coding,
+            arm,
+            reservation,
+            waiting,
+        }
     })
 }
 
@@ -187,7 +193,7 @@ fn failure() -> impl Strategy<Value = Failure> {
         Just(Failure::Flash),
         Just(Failure::Busy),
         Just(Failure::StreamArmed),
-        Just(Failure::LineHeld),
+        Just(Failure::LineReserved),
         Just(Failure::SupplyLow),
         Just(Failure::ArmSilent),
         Just(Failure::PoseOutOfRange),
@@ -473,7 +479,7 @@ fn counters_of_version_2_lack_only_newer_ones() {
     assert_eq!((counters.arm_to_host_bytes, counters.dropped_can_frames), (1, 1));
     assert_eq!(
         (
-            counters.refused_line_held,
+            counters.refused_line_reserved,
             counters.refused_other_rate,
             counters.refused_rate_bytes
         ),
@@ -490,7 +496,7 @@ fn counters_that_are_cut_are_malformed() {
     let message = FromAdapter::Reply {
         sequence: 7,
         reply: Reply::Counters(Counters {
-            refused_line_held: 300,
+            refused_line_reserved: 300,
             hard_faults: 300,
             untracked_requests: 300,
             ..Counters::default()
@@ -517,7 +523,7 @@ fn requests_keep_their_numbers() {
     // The numbers of these requests follow.
     for (number, request) in [
         (12, Request::GetLine),
-        (13, Request::HoldLine),
+        (13, Request::ReserveLine),
         (14, Request::ReleaseLine),
         (15, Request::Stop),
     ] {

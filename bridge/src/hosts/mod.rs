@@ -332,7 +332,7 @@ impl Hosts {
         let is_replied = |port: &mut ControlPort| {
             *port == ControlPort::Usb || !self.can.control.is_sending() && !self.control.is_can_reply_pending()
         };
-        let may_change = self.is_can_on() && line.holder() != Some(Initiator::Can);
+        let may_change = self.is_can_on() && line.open_initiator() != Some(Initiator::Can);
         if may_change && self.can_change.take_if(is_replied).is_some() {
             self.publish_deliveries(line);
             self.can.close(&mut self.counters);
@@ -520,7 +520,7 @@ impl Hosts {
             Request::GetRecovery => Reply::Recovery {
                 active: self.recovery.is_some(),
             },
-            Request::HoldLine => match line.hold_line(port, now) {
+            Request::ReserveLine => match line.reserve_line(port, now) {
                 Ok(()) => Reply::Done,
                 Err(failure) => Reply::Failed(failure),
             },

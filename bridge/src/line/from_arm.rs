@@ -121,7 +121,7 @@ impl Line {
 
     /// A request of an initiator is answered, or its answer is missing. The last one ends the exchange.
     pub(super) fn end_exchange(&mut self, initiator: Initiator, now: Instant) {
-        if self.wire.holder().is_none() {
+        if self.wire.open_initiator().is_none() {
             self.outbox.exchange_ended(initiator, now, &mut self.journal);
             self.wire.pass(&mut self.journal);
         }
@@ -154,7 +154,7 @@ impl Line {
     }
 
     /// The initiator whose request is in flight.
-    pub(crate) fn holder(&self) -> Option<Initiator> {
-        self.wire.holder()
+    pub(crate) fn open_initiator(&self) -> Option<Initiator> {
+        self.wire.open_initiator()
     }
 }

@@ -53,7 +53,7 @@ impl Journal {
             Refusal::Incomplete => &mut c.commands_incomplete,
             Refusal::Stale => &mut c.commands_stale,
             Refusal::OutOfRange => &mut c.commands_out_of_range,
-            Refusal::LineHeld => &mut c.refused_line_held,
+            Refusal::LineReserved => &mut c.refused_line_reserved,
             Refusal::OtherRate => &mut c.refused_other_rate,
             Refusal::Stopped => &mut c.refused_stopped,
         };

@@ -9,7 +9,7 @@
 //!
 //! * [`Wire`] is what arrives: the decoder, the requests in flight, and the serial port towards the host on USB.
 //! * [`Outbox`] is what goes out: the bytes of the host on USB, the requests of all others, and whose turn it is.
-//! * [`Guard`] is what may go out: the streams of motion, a stop, the line's rate and its holder.
+//! * [`Guard`] is what may go out: the streams of motion, a stop, the line's rate and its reservation.
 //!
 //! `Outbox` reads the other two through a [`View`](outbox::View) when it chooses the next burst. Otherwise the owners
 //! know nothing of each other: what one has found out it returns, for example the initiator that a frame answers, and
@@ -19,10 +19,11 @@ mod byte_time;
 pub(crate) mod deferred;
 mod from_arm;
 mod guard;
-mod hold;
 mod journal;
 mod outbox;
 mod queues;
+mod rate;
+mod reservation;
 mod serial_port;
 mod stop;
 mod streams;
@@ -110,7 +111,7 @@ impl Line {
             EndedStreams::default()
         };
         if config.poll != was.poll || config.arm != was.arm {
-            self.outbox.restart_poll(config.poll, self.guard.is_held(), now);
+            self.outbox.restart_poll(config.poll, self.guard.is_reserved(), now);
         }
         ended
     }
@@ -126,7 +127,7 @@ impl Line {
         self.outbox.change_arm(now, &mut self.journal);
         let ended = STREAMERS.map(|initiator| self.guard.end_stream(initiator, 0, false));
         self.outbox
-            .identify_again(kind, self.guard.is_held(), now, &mut self.journal);
+            .identify_again(kind, self.guard.is_reserved(), now, &mut self.journal);
         self.outbox
             .refuse_can_requests(Refusal::NotAFrame, now, &mut self.journal);
         self.restart_stop(now);
@@ -167,7 +168,7 @@ impl Line {
             return None;
         }
         // USB does not report that the host wants to send.
-        if initiator == Initiator::Usb && self.is_host_held_back() {
+        if initiator == Initiator::Usb && self.is_host_delayed() {
             self.guard.dead_man.keep_alive(initiator, now);
             return None;
         }
@@ -178,7 +179,7 @@ impl Line {
     pub(crate) fn is_stuck(&self, now: Instant) -> bool {
         let unsent = self.outbox.queued() > 0 || self.guard.rate.changes();
         // While an answer is outstanding, bytes may wait for it. That wait has a timeout.
-        let stands = self.wire.holder().is_none();
+        let stands = self.wire.open_initiator().is_none();
         now.since(self.wire.last_read()) > STUCK_TIME
             || unsent && stands && now.since(self.outbox.last_moved()) > STUCK_TIME
     }

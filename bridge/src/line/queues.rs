@@ -30,7 +30,7 @@ impl Line {
 
     const fn limits(&self) -> Limits {
         Limits {
-            is_held: self.guard.is_held(),
+            is_reserved: self.guard.is_reserved(),
             refuses_motion: self.guard.stop.refuses_motion(),
         }
     }
@@ -38,7 +38,7 @@ impl Line {
     /// Queues an identification request. Its result is [`identified`](Self::identified).
     pub(crate) fn identify(&mut self, now: Instant) {
         self.outbox
-            .identify(self.kind, self.guard.is_held(), now, &mut self.journal);
+            .identify(self.kind, self.guard.is_reserved(), now, &mut self.journal);
     }
 
     /// The result of an [identification](Self::identify), returned once: `None` in it if the arm did not answer.

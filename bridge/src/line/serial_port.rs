@@ -15,7 +15,7 @@ impl Line {
         self.wire.usb_configured(configured, &mut self.journal);
         self.change_rate(now, |rate, queued| {
             rate.reset(queued);
-            rate.unhold(ControlPort::Usb);
+            rate.end_reservation(ControlPort::Usb);
         });
     }
 
@@ -59,7 +59,7 @@ impl Line {
         if self.guard.rate.is_unmet() && !packet.is_empty() && !self.take_rate(now) {
             self.refuse_packet(packet.len(), now);
         } else {
-            if !self.guard.is_held() {
+            if !self.guard.is_reserved() {
                 self.guard.dead_man.keep_alive(Initiator::Usb, now);
             }
             if self.guard.stop.refuses_motion() {

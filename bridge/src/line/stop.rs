@@ -10,8 +10,8 @@ use super::guard::{STREAMERS, Step};
 impl Line {
     /// Stops the arm, by a request on the control port. [`stopped`](Self::stopped) has the result.
     pub(crate) fn stop(&mut self, now: Instant) -> Result<(), Failure> {
-        if self.guard.rate.is_on_hold() {
-            return Err(Failure::LineHeld);
+        if self.guard.rate.is_reserved_by_request() {
+            return Err(Failure::LineReserved);
         }
         let steps = self.guard.stop.steps(self.kind);
         let steps = steps.ok_or(Failure::NotStoppable(self.kind))?;

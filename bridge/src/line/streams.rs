@@ -57,8 +57,8 @@ impl Line {
     }
 
     /// Returns true if the host on USB cannot send because the buffer to the arm is full.
-    pub(super) fn is_host_held_back(&self) -> bool {
-        !self.has_packet_room() && !self.guard.is_held()
+    pub(super) fn is_host_delayed(&self) -> bool {
+        !self.has_packet_room() && !self.guard.is_reserved()
     }
 
     /// The time at which the first of the hosts that stream motion counts as silent.
@@ -91,7 +91,7 @@ impl Line {
             self.take_line_back(now);
         }
         // A pending change of rate was dropped with the bytes.
-        self.follow_holder(now);
+        self.follow_reservation(now);
         self.guard.end_stream(initiator, dropped, torque_off)
     }
 }

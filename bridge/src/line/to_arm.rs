@@ -72,7 +72,7 @@ impl Line {
 
     /// Accounts for bytes of the host on USB.
     fn host_transmitted(&mut self, len: usize, now: Instant) {
-        if self.is_host_held_back() {
+        if self.is_host_delayed() {
             self.guard.dead_man.keep_alive(Initiator::Usb, now);
         }
         let Self {

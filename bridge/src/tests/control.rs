@@ -126,7 +126,7 @@ fn requests_in_one_packet_are_answered_in_order() {
 }
 
 #[test]
-fn slow_host_is_held_back_without_lost_reply() {
+fn slow_host_is_delayed_without_lost_reply() {
     let mut rig = quiet();
     let mut requests = 0;
     for _ in 0..200 {
@@ -829,7 +829,7 @@ fn event_of_can_request_leaves_room_for_reply() {
         events: true,
     };
     assert_eq!(call_on_can(&mut rig, 1, Request::Subscribe(events)), Reply::Done);
-    rig.request_on_can(2, Request::HoldLine);
+    rig.request_on_can(2, Request::ReserveLine);
     rig.run(10_000);
     let replies = rig.can_control.iter().filter_map(|message| match message {
         FromAdapter::Reply { sequence, reply } => Some((*sequence, reply.clone())),

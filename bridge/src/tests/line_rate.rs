@@ -1,4 +1,4 @@
-//! The line's rate: changes by a host on USB, the return to the arm's rate, and `hold-line`.
+//! The line's rate: changes by a host on USB, the return to the arm's rate, and reservations.
 
 extern crate std;
 
@@ -13,7 +13,7 @@ use crate::can::command::Command;
 use crate::can::telemetry::event_from_frame;
 use crate::config::{ArmKind, Can, Config, HostTimeout, Poll};
 use crate::control::{
-    Event, Failure, FromAdapter, HOLD_LEASE_MS, Initiator, LineHolder, LineState, Refusal, Reply, Request,
+    Event, Failure, FromAdapter, Initiator, LineReservation, LineState, RESERVATION_MS, Refusal, Reply, Request,
 };
 use crate::{Instant, LineCoding, PACKET, UsbEvent};
 
@@ -24,8 +24,8 @@ const READ_JOINTS: [u8; 7] = [0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF];
 const MS: u64 = 1_000;
 const SECOND: u64 = 1_000_000;
 
-/// Duration of a lease.
-const LEASE: u64 = HOLD_LEASE_MS as u64 * MS;
+/// Duration of a reservation.
+const RESERVATION: u64 = RESERVATION_MS as u64 * MS;
 
 fn coding(baud: u32) -> LineCoding {
     LineCoding {
@@ -159,7 +159,7 @@ fn second_of_two_rates_wins() {
     rig.run(450 * MS);
     assert_eq!(polls(&rig) - before, 50);
     let c = rig.bridge.counters();
-    assert_eq!((c.line_codings, c.missed_polls, c.refused_line_held), (0, 0, 0));
+    assert_eq!((c.line_codings, c.missed_polls, c.refused_line_reserved), (0, 0, 0));
 }
 
 #[test]
@@ -267,7 +267,7 @@ fn another_rate_waits_for_the_stream_on_can() {
         assert_eq!((baud(&rig), rig.bridge.line_coding().baud), (1_000_000, 9_600));
         let c = rig.bridge.counters();
         assert_eq!(
-            (c.refused_rate_bytes, c.refused_other_rate, c.refused_line_held),
+            (c.refused_rate_bytes, c.refused_other_rate, c.refused_line_reserved),
             (1_000, 1, 0)
         );
         assert_eq!(refusals(&rig), [(Initiator::Usb, Refusal::OtherRate)]);
@@ -298,11 +298,11 @@ fn polls_and_can_are_refused_at_other_rate() {
         for sequence in [0, 1] {
             command(&mut rig, sequence);
         }
-        assert_eq!(rig.call(Request::IdentifyArm), Reply::Failed(Failure::LineHeld));
+        assert_eq!(rig.call(Request::IdentifyArm), Reply::Failed(Failure::LineReserved));
         rig.run(100 * MS);
         assert_eq!(rig.sent.len(), before, "{:?}", rig.sent);
         let initiators = [Initiator::Poll, Initiator::Can, Initiator::Command, Initiator::Adapter];
-        let expected = initiators.map(|initiator| (initiator, Refusal::LineHeld));
+        let expected = initiators.map(|initiator| (initiator, Refusal::LineReserved));
         assert_eq!(refusals(&rig), expected);
         let events = rig.frames.iter().filter_map(|(_, frame)| event_from_frame(frame));
         let events: Vec<_> = events.map(|(_, event)| event).collect();
@@ -312,13 +312,13 @@ fn polls_and_can_are_refused_at_other_rate() {
         );
         let c = rig.bridge.counters();
         assert_eq!(
-            (c.refused_line_held, c.missed_polls),
+            (c.refused_line_reserved, c.missed_polls),
             (4, if poll == Poll::Fastest { 0 } else { 20 })
         );
         let state = LineState {
             coding: coding(9_600),
             arm: coding(1_000_000),
-            holder: LineHolder::OtherRate,
+            reservation: LineReservation::OtherRate,
             waiting: None,
         };
         assert_eq!(line_state(&mut rig), state);
@@ -336,7 +336,7 @@ fn polls_and_can_are_refused_at_other_rate() {
 }
 
 #[test]
-fn waiting_request_is_refused_when_line_is_held() {
+fn waiting_request_is_refused_when_line_is_reserved() {
     let mut rig = open(Poll::Off);
     // The arm does not answer its self-check for the first host.
     rig.responder = std::boxed::Box::new(|_| None);
@@ -350,17 +350,20 @@ fn waiting_request_is_refused_when_line_is_held() {
     assert_eq!(
         refusals(&rig),
         [
-            (Initiator::Can, Refusal::LineHeld),
-            (Initiator::Adapter, Refusal::LineHeld)
+            (Initiator::Can, Refusal::LineReserved),
+            (Initiator::Adapter, Refusal::LineReserved)
         ]
     );
-    assert_eq!(rig.replies.last(), Some(&(identify, Reply::Failed(Failure::LineHeld))));
+    assert_eq!(
+        rig.replies.last(),
+        Some(&(identify, Reply::Failed(Failure::LineReserved)))
+    );
     // The timeout of the pending answer was that of the arm's rate.
     assert_eq!(rig.bauds, [1_000_000, 9_600]);
 }
 
 #[test]
-fn each_host_refused_by_a_hold_gets_an_event_frame() {
+fn each_host_refused_by_a_reservation_gets_an_event_frame() {
     let mut rig = open(Poll::Hertz(100));
     rig.subscribe();
     rig.responder = std::boxed::Box::new(|_| None);
@@ -381,7 +384,7 @@ fn each_host_refused_by_a_hold_gets_an_event_frame() {
     let refused = |event: &Event| match event {
         Event::Refused {
             initiator,
-            reason: Refusal::LineHeld,
+            reason: Refusal::LineReserved,
         } => Some(*initiator),
         _ => None,
     };
@@ -517,11 +520,11 @@ fn raw_arm_uses_the_host_rate() {
 }
 
 #[test]
-fn hold_line_gives_usb_the_line_alone() {
+fn reservation_gives_usb_the_line_alone() {
     let mut rig = open(Poll::Hertz(100));
     rig.run(50 * MS);
     let before = polls(&rig);
-    assert_eq!(rig.call(Request::HoldLine), Reply::Done);
+    assert_eq!(rig.call(Request::ReserveLine), Reply::Done);
     rig.run(10 * MS);
     let start = rig.sent.len();
     let image: Vec<u8> = (0..20_000_u32).map(|n| (n * 7 / 3) as u8).collect();
@@ -539,11 +542,11 @@ fn hold_line_gives_usb_the_line_alone() {
     assert_eq!(
         refusals(&rig),
         [
-            (Initiator::Poll, Refusal::LineHeld),
-            (Initiator::Can, Refusal::LineHeld)
+            (Initiator::Poll, Refusal::LineReserved),
+            (Initiator::Can, Refusal::LineReserved)
         ]
     );
-    assert_eq!(line_state(&mut rig).holder, LineHolder::HoldLine);
+    assert_eq!(line_state(&mut rig).reservation, LineReservation::Requested);
     let others = polls(&rig);
     assert_eq!(rig.call(Request::ReleaseLine), Reply::Done);
     rig.run(100 * MS);
@@ -552,12 +555,12 @@ fn hold_line_gives_usb_the_line_alone() {
 }
 
 #[test]
-fn hold_line_ends_with_lease_unless_renewed() {
+fn reservation_ends_in_time_unless_renewed() {
     let mut rig = open(Poll::Hertz(100));
     for _ in 0..3 {
-        assert_eq!(rig.call(Request::HoldLine), Reply::Done);
-        rig.run(LEASE - 1);
-        assert_eq!(line_state(&mut rig).holder, LineHolder::HoldLine);
+        assert_eq!(rig.call(Request::ReserveLine), Reply::Done);
+        rig.run(RESERVATION - 1);
+        assert_eq!(line_state(&mut rig).reservation, LineReservation::Requested);
     }
     rig.run(1);
     assert_eq!(line_state(&mut rig), LineState::default());
@@ -566,7 +569,7 @@ fn hold_line_ends_with_lease_unless_renewed() {
 }
 
 #[test]
-fn hold_line_ends_when_its_host_is_gone() {
+fn reservation_ends_when_its_host_is_gone() {
     type Goes = fn(&mut Rig);
     let ways: [Goes; 2] = [
         |rig| {
@@ -578,7 +581,7 @@ fn hold_line_ends_when_its_host_is_gone() {
     ];
     for goes in ways {
         let mut rig = open(Poll::Off);
-        assert_eq!(rig.call(Request::HoldLine), Reply::Done);
+        assert_eq!(rig.call(Request::ReserveLine), Reply::Done);
         goes(&mut rig);
         rig.run(MS);
         assert_eq!(line_state(&mut rig), LineState::default());
@@ -586,7 +589,7 @@ fn hold_line_ends_when_its_host_is_gone() {
 }
 
 #[test]
-fn hold_line_is_refused_during_motion_stream() {
+fn reservation_is_refused_during_motion_stream() {
     for on_can in [true, false] {
         let mut rig = open(Poll::Off);
         for _ in 0..3 {
@@ -596,18 +599,18 @@ fn hold_line_is_refused_during_motion_stream() {
             }
             rig.run(20 * MS);
         }
-        assert_eq!(rig.call(Request::HoldLine), Reply::Failed(Failure::StreamArmed));
+        assert_eq!(rig.call(Request::ReserveLine), Reply::Failed(Failure::StreamArmed));
         assert_eq!(line_state(&mut rig), LineState::default());
         rig.run(SECOND);
         assert_eq!(rig.sent.last().unwrap().1, TORQUE_OFF);
-        assert_eq!(rig.call(Request::HoldLine), Reply::Done);
+        assert_eq!(rig.call(Request::ReserveLine), Reply::Done);
     }
 }
 
 #[test]
-fn nobodys_torque_goes_off_under_hold_line() {
+fn nobodys_torque_goes_off_under_reservation() {
     let mut rig = open(Poll::Off);
-    assert_eq!(rig.call(Request::HoldLine), Reply::Done);
+    assert_eq!(rig.call(Request::ReserveLine), Reply::Done);
     for _ in 0..5 {
         rig.usb_out.extend(motion());
         rig.run(20 * MS);
@@ -620,29 +623,29 @@ fn nobodys_torque_goes_off_under_hold_line() {
 }
 
 #[test]
-fn control_port_cannot_release_hold_of_other_port() {
+fn control_port_cannot_end_reservation_of_other_port() {
     let mut rig = open(Poll::Off);
-    assert_eq!(rig.call(Request::HoldLine), Reply::Done);
-    rig.request_on_can(1, Request::HoldLine);
+    assert_eq!(rig.call(Request::ReserveLine), Reply::Done);
+    rig.request_on_can(1, Request::ReserveLine);
     rig.request_on_can(2, Request::ReleaseLine);
     rig.run(10 * MS);
     let reply = |sequence, reply| FromAdapter::Reply { sequence, reply };
     let replies = [reply(1, Reply::Failed(Failure::Busy)), reply(2, Reply::Done)];
     assert_eq!(rig.can_control, replies);
-    assert_eq!(line_state(&mut rig).holder, LineHolder::HoldLine);
+    assert_eq!(line_state(&mut rig).reservation, LineReservation::Requested);
 }
 
 #[test]
-fn under_hold_line_any_rate_is_the_hosts() {
+fn under_reservation_any_rate_is_the_hosts() {
     let mut rig = open(Poll::Hertz(100));
-    assert_eq!(rig.call(Request::HoldLine), Reply::Done);
+    assert_eq!(rig.call(Request::ReserveLine), Reply::Done);
     set_rate(&mut rig, 115_200);
     rig.usb_out.extend([0x7F; PACKET]);
     rig.run(100 * MS);
     assert_eq!(rig.bauds.last(), Some(&115_200));
-    assert_eq!(line_state(&mut rig).holder, LineHolder::HoldLine);
+    assert_eq!(line_state(&mut rig).reservation, LineReservation::Requested);
     assert_eq!(rig.call(Request::ReleaseLine), Reply::Done);
-    assert_eq!(line_state(&mut rig).holder, LineHolder::OtherRate);
+    assert_eq!(line_state(&mut rig).reservation, LineReservation::OtherRate);
     dtr(&mut rig, false);
     rig.run(100 * MS);
     assert_eq!((baud(&rig), polls(&rig)), (1_000_000, 10));
@@ -650,7 +653,7 @@ fn under_hold_line_any_rate_is_the_hosts() {
 }
 
 #[test]
-fn dropped_change_of_rate_holds_no_line() {
+fn dropped_change_of_rate_reserves_no_line() {
     for torque_off in [false, true] {
         let mut rig = Rig::new(Config {
             poll: Poll::Hertz(10),

@@ -105,16 +105,16 @@ fn invalid_saved_settings_are_still_lost() {
 #[test]
 fn events_wait_for_no_bus() {
     let mut rig = started(without_can(), Start::default());
-    // Polls are refused while the host holds the line.
+    // Polls are refused while the line is reserved.
     for _ in 0..40 {
-        assert_eq!(rig.call(Request::HoldLine), Reply::Done);
+        assert_eq!(rig.call(Request::ReserveLine), Reply::Done);
         rig.run(50_000);
         assert_eq!(rig.call(Request::ReleaseLine), Reply::Done);
         assert!(!rig.bridge.update(at(rig.now)).can);
         assert_eq!(rig.bridge.can_transmit(at(rig.now)), None);
     }
     let counters = rig.bridge.counters();
-    assert!(counters.refused_line_held >= 40);
+    assert!(counters.refused_line_reserved >= 40);
     assert_eq!((counters.dropped_events, counters.can_frames_sent), (0, 0));
     assert_eq!(rig.bridge.can_config(), None);
 }

@@ -94,7 +94,7 @@ fn motion_of_silent_host_is_dropped_without_listener() {
         rig.can_out.push_back(motion());
         rig.run(10_000);
     }
-    // An unanswered self-check holds the line, and three motions wait.
+    // A self-check without an answer keeps the line, and three motions wait.
     rig.responder = Box::new(|_| None);
     rig.usb_out.extend(ling::SELF_CHECK);
     rig.run(1_000);
@@ -288,7 +288,7 @@ fn undelivered_frames_leave_room_for_refusals() {
         matches!(
             event,
             Event::Refused {
-                reason: Refusal::LineHeld,
+                reason: Refusal::LineReserved,
                 ..
             }
         )

@@ -83,7 +83,7 @@ fn silent_motion_host_is_reported_once() {
 }
 
 #[test]
-fn timeout_of_held_back_host_starts_with_room() {
+fn timeout_of_delayed_host_starts_with_room() {
     let mut bridge = Bridge::new(Identity::default(), silence(500, false), Start::default());
     bridge.usb_event(UsbEvent::Configured(true), Instant::ZERO);
     for _ in 0..3 {
@@ -268,7 +268,7 @@ fn torque_off_waits_for_nobodys_answer() {
 }
 
 #[test]
-fn unsolicited_frames_do_not_hold_up_torque_off() {
+fn unsolicited_frames_do_not_delay_torque_off() {
     let mut rig = Rig::new(silence(500, true));
     for _ in 0..3 {
         rig.usb_out.extend(motion());
@@ -508,7 +508,7 @@ fn silent_stream_of_commands_must_start_anew() {
 }
 
 #[test]
-fn held_back_usb_host_is_not_silent() {
+fn delayed_usb_host_is_not_silent() {
     let mut rig = streams_until_can_has_the_arm(silence(100, true));
     // More than the queue holds.
     let more = motion().repeat(30);

@@ -603,7 +603,7 @@ fn missing_answer_frees_line_but_blocks_its_kind() {
     // The late answer went to the host on USB as an unsolicited frame. The second request got its own.
     assert_eq!(rig.usb[4], 1);
     assert_eq!(rig.can.iter().map(|pdu| pdu[4]).collect::<Vec<_>>(), [2]);
-    assert_eq!(rig.bridge.line.settled().holder(), None);
+    assert_eq!(rig.bridge.line.settled().open_initiator(), None);
 }
 
 #[test]
@@ -904,14 +904,14 @@ proptest! {
         }
 
         // No answer is pending.
-        prop_assert_eq!(rig.bridge.line.settled().holder(), None);
+        prop_assert_eq!(rig.bridge.line.settled().open_initiator(), None);
         prop_assert_eq!(rig.bridge.line.settled().waiting(), (0, 0));
         prop_assert!(rig.usb_out.is_empty());
     }
 }
 
 #[test]
-fn bytes_held_for_missing_answer_are_not_stuck() {
+fn bytes_kept_for_missing_answer_are_not_stuck() {
     let mut rig = Rig::new(Config {
         arm: ArmKind::Alpha1,
         ..Config::default()

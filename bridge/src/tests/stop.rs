@@ -17,7 +17,9 @@ use crate::can::Node;
 use crate::can::command::Command;
 use crate::can::telemetry::event_from_frame;
 use crate::config::{ArmKind, Can, Config, HostTimeout, Poll};
-use crate::control::{Event, Failure, FromAdapter, Initiator, LineHolder, MAX_FRAME, Refusal, Reply, Request, STOP_MS};
+use crate::control::{
+    Event, Failure, FromAdapter, Initiator, LineReservation, MAX_FRAME, Refusal, Reply, Request, STOP_MS,
+};
 use crate::{Action, Instant, UsbEvent};
 
 /// The time without motion, in µs.
@@ -522,25 +524,25 @@ fn identification_and_stop_do_not_mix() {
 }
 
 #[test]
-fn stop_is_refused_during_hold_line() {
+fn stop_is_refused_during_reservation() {
     let mut rig = rig(config());
-    assert_eq!(rig.call(Request::HoldLine), Reply::Done);
-    assert_eq!(rig.call(Request::Stop), Reply::Failed(Failure::LineHeld));
+    assert_eq!(rig.call(Request::ReserveLine), Reply::Done);
+    assert_eq!(rig.call(Request::Stop), Reply::Failed(Failure::LineReserved));
     rig.usb_out.extend(motion());
     rig.run(5_000);
     assert_eq!(rig.line(), motion());
 }
 
 #[test]
-fn hold_line_waits_for_a_stop() {
+fn reservation_waits_for_a_stop() {
     let mut rig = rig(config());
     rig.request(Request::Stop);
     rig.run(5_000);
-    assert_eq!(rig.call(Request::HoldLine), Reply::Failed(Failure::Busy));
+    assert_eq!(rig.call(Request::ReserveLine), Reply::Failed(Failure::Busy));
     rig.run(1_900_000);
-    assert_eq!(rig.call(Request::HoldLine), Reply::Failed(Failure::Busy));
+    assert_eq!(rig.call(Request::ReserveLine), Reply::Failed(Failure::Busy));
     rig.run(200_000);
-    assert_eq!(rig.call(Request::HoldLine), Reply::Done);
+    assert_eq!(rig.call(Request::ReserveLine), Reply::Done);
 }
 
 #[test]
@@ -586,7 +588,7 @@ fn stop_takes_line_from_another_rate() {
     let Reply::Line(line) = rig.call(Request::GetLine) else {
         panic!("no state of the line");
     };
-    assert_eq!(line.holder, LineHolder::Nobody);
+    assert_eq!(line.reservation, LineReservation::None);
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! A node of a CAN bus with the ISO-TP identifiers of an adapter: reassembly of its PDUs.
 //!
 //! Other devices may use the same identifiers. Only the content of PDUs shows an adapter: before that its entries are
-//! held back, and without it they are never shown.
+//! kept, and without it they are never shown.
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -17,8 +17,8 @@ use crate::args::Speaker;
 
 /// The high half of a flow control frame's first byte.
 const FLOW_CONTROL: u8 = 3;
-/// Maximum number of entries held back.
-const MAX_HELD: usize = 8;
+/// Maximum number of entries kept.
+const MAX_KEPT: usize = 8;
 
 /// An ISO-TP endpoint that only receives.
 type Listener = Endpoint<MAX_MESSAGE, 1>;
@@ -48,7 +48,7 @@ pub(super) enum Kind {
         /// Number of frames.
         frames: u64,
         /// The last entries.
-        held: VecDeque<Entry>,
+        kept: VecDeque<Entry>,
         /// Number of entries before them.
         dropped: u64,
         /// The entries have a control message, by direction.
@@ -74,7 +74,7 @@ impl Station {
             listeners: BTreeMap::new(),
             kind: Kind::Unknown {
                 frames: 0,
-                held: VecDeque::new(),
+                kept: VecDeque::new(),
                 dropped: 0,
                 control: [false; 2],
             },
@@ -141,13 +141,13 @@ impl Kind {
     /// not kept.
     fn take(&mut self, entry: Entry, content: &Content, function: Function, shown: &mut Vec<Entry>) -> u64 {
         let Self::Unknown {
-            held, dropped, control, ..
+            kept, dropped, control, ..
         } = self
         else {
             shown.push(entry);
             return 0;
         };
-        held.push_back(entry);
+        kept.push_back(entry);
         let evidence = match content {
             Content::Frame(Protocol::Ling) => Some("frames of a Ling arm"),
             Content::Frame(Protocol::LingLegacy) => Some("frames of a Ling arm of the older generation"),
@@ -162,12 +162,12 @@ impl Kind {
         };
         if let Some(evidence) = evidence {
             let dropped = *dropped;
-            shown.extend(held.drain(..));
+            shown.extend(kept.drain(..));
             *self = Self::Adapter(evidence);
             return dropped;
         }
-        if held.len() > MAX_HELD {
-            held.pop_front();
+        if kept.len() > MAX_KEPT {
+            kept.pop_front();
             *dropped += 1;
         }
         0

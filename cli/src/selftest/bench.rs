@@ -186,19 +186,19 @@ impl<'u> Bench<'u> {
         self.open_port()
     }
 
-    /// Opens the serial port and runs `act` while this host holds the line: no poll and no other host sends. The
+    /// Opens the serial port and runs `act` with the line reserved: no poll and no other host sends. The
     /// configuration stays.
-    pub(super) fn with_line_held<T>(
+    pub(super) fn with_reserved_line<T>(
         &mut self,
         act: impl FnOnce(&mut Self) -> Result<T, Trouble>,
     ) -> Result<T, Trouble> {
-        match self.call(ControlRequest::HoldLine)? {
+        match self.call(ControlRequest::ReserveLine)? {
             Reply::Done => {}
             Reply::Failed(Failure::StreamArmed) => {
                 let text = "a host streams motion: stop it, disconnect the arm, and join TX and RX with a jumper";
                 return Err(Trouble::failed(text));
             }
-            reply => return Err(unexpected(&ControlRequest::HoldLine, &reply)),
+            reply => return Err(unexpected(&ControlRequest::ReserveLine, &reply)),
         }
         let result = self.open_port().and_then(|()| act(self));
         let released = self.order(ControlRequest::ReleaseLine);

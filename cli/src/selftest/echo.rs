@@ -12,8 +12,8 @@ use super::{Checked, Plan, planned};
 /// The slowest rate in common use, two between, and the adapter's maximum.
 const RATES: [u32; 4] = [115_200, 500_000, 1_000_000, 2_000_000];
 const PARITIES: [Parity; 3] = [Parity::None, Parity::Odd, Parity::Even];
-/// Minimum duration of an echo, in percent of the time on the line. The adapter holds back a host's last bytes before
-/// it sends them, and the clocks differ.
+/// Minimum duration of an echo, in percent of the time on the line. The adapter delays a host's last bytes, and
+/// the clocks differ.
 const LEAST_TIME: u32 = 97;
 /// Maximum delay by the host and USB, in addition to the time on the line.
 const SLACK: Duration = Duration::from_millis(200);

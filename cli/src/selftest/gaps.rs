@@ -32,7 +32,7 @@ pub(super) fn sweep(bench: &mut Bench<'_>, _: &Plan) -> Checked {
         cut(bench, place).map_err(at(format_args!("a frame cut after {place} bytes")))?;
     }
     let text = format!(
-        "{} gaps up to {} ms, no byte held back, no frame cut or joined",
+        "{} gaps up to {} ms, no byte delayed, no frame cut or joined",
         GAPS.len(),
         MAX_GAP / 1_000
     );

@@ -118,7 +118,7 @@ pub fn run(usb: &mut dyn Usb, plan: &Plan, stopped: &dyn Fn() -> bool, report: &
     keep("control port", control_port(&mut bench));
     keep("descriptors", descriptors::all(&mut bench));
     let before = bench.config();
-    let found = bench.with_line_held(jumper::find);
+    let found = bench.with_reserved_line(jumper::find);
     // Reason to skip the remaining checks.
     let mut obstacle = match &before {
         Err(_) => Some("the configuration could not be read, to be restored"),

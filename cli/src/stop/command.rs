@@ -39,9 +39,9 @@ impl StopArm {
             return Err(Error::refused(&self.place.port, reason));
         }
         self.stop().map_err(|error| match error {
-            Error::Host(Host::InUse { name, holder }) => {
+            Error::Host(Host::InUse { name, user }) => {
                 let cause = format!(
-                    "the port is in use by {holder}: only Ctrl-C there, or the switch of the arm's supply, stops the arm"
+                    "the port is in use by {user}: only Ctrl-C there, or the switch of the arm's supply, stops the arm"
                 );
                 Host::NotStopped {
                     name,

@@ -113,7 +113,7 @@ impl World {
         let args = self.placed(args);
         let is_endless = match &*args[0] {
             "monitor" => !args.iter().any(|arg| arg == "--count"),
-            command => matches!(command, "hold" | "teleop"),
+            command => matches!(command, "reserve" | "teleop"),
         };
         retry_while_busy(|| {
             let mut child = start(Command::new(PROGRAM).args(&args).current_dir(&self.folder));
@@ -156,7 +156,7 @@ impl World {
         let mut placed: Vec<_> = args.iter().map(|arg| self.place(arg)).collect();
         if let (true, Some(control)) = (args.contains(&ADAPTER), &self.control) {
             match args[0] {
-                "config" | "counters" | "hold" => placed[1].clone_from(control),
+                "config" | "counters" | "reserve" => placed[1].clone_from(control),
                 _ => placed.extend(["--control".to_owned(), control.clone()]),
             }
         }

@@ -249,36 +249,36 @@ fn counters_have_their_names_and_latencies_their_bars() {
 }
 
 #[test]
-fn line_is_held_until_hold_is_interrupted() {
-    let board = Board::start("hold");
-    let mut hold = start(Command::new(PROGRAM).args(["hold", &board.control]));
+fn line_is_reserved_until_interrupt() {
+    let board = Board::start("reserve");
+    let mut reserve = start(Command::new(PROGRAM).args(["reserve", &board.control]));
     let mut line = String::new();
-    let mut out = BufReader::new(hold.stdout.take().unwrap());
+    let mut out = BufReader::new(reserve.stdout.take().unwrap());
     out.read_line(&mut line).unwrap();
     let name = name(&board);
     assert_eq!(
         line,
-        format!("{name}: the line is held for USB: no polls, no CAN, no torque-off; Ctrl-C releases it\n")
+        format!("{name}: the line is reserved for USB: no polls, no CAN, no torque-off; Ctrl-C releases it\n")
     );
-    kill_process(Pid::from_child(&hold), Signal::INT).unwrap();
+    kill_process(Pid::from_child(&reserve), Signal::INT).unwrap();
     line.clear();
     out.read_line(&mut line).unwrap();
     assert_eq!(line, format!("{name}: the line is released\n"));
-    assert!(finish(hold).status.success());
+    assert!(finish(reserve).status.success());
     assert!(!success(&["info", &board.control]).contains("\nrate "));
 }
 
 #[test]
-fn info_config_and_counters_report_a_held_line() {
-    let board = Board::start("held");
-    let mut hold = start(Command::new(PROGRAM).args(["hold", &board.control]));
-    BufReader::new(hold.stdout.take().unwrap())
+fn info_config_and_counters_report_a_reserved_line() {
+    let board = Board::start("reserved");
+    let mut reserve = start(Command::new(PROGRAM).args(["reserve", &board.control]));
+    BufReader::new(reserve.stdout.take().unwrap())
         .read_line(&mut String::new())
         .unwrap();
-    // The lease of a killed program lasts for a while.
-    hold.kill().unwrap();
-    finish(hold);
-    let state = "1000000 baud, held for USB ('armwire hold'): polls and CAN are refused";
+    // The reservation of a killed program lasts for a while.
+    reserve.kill().unwrap();
+    finish(reserve);
+    let state = "1000000 baud, reserved for USB ('armwire reserve'): polls and CAN are refused";
     let out = success(&["info", &board.control]);
     assert!(out.ends_with(&format!("\nrate             {state}\n")), "{out}");
     for command in ["config", "counters"] {

@@ -106,9 +106,9 @@ fn missing_adapter_does_not_answer() {
 }
 
 #[test]
-fn held_line_explains_silence_on_can() {
+fn reserved_line_explains_silence_on_can() {
     let bus = CanBus::start();
-    bus.is_held.store(true, Ordering::Relaxed);
+    bus.is_reserved.store(true, Ordering::Relaxed);
     let state = "9600 baud instead of the arm's 1000000 baud, set by the host on USB: polls and CAN are refused";
     let runs_at = format!("the line to the arm runs at {state}");
     let line = failure_with(&runs_at, || run(&["call", "ling", &bus.port(), "read-joints"]));
@@ -122,9 +122,9 @@ fn held_line_explains_silence_on_can() {
 }
 
 #[test]
-fn older_adapter_does_not_support_hold() {
+fn older_adapter_does_not_support_reserve() {
     let bus = CanBus::start();
-    let line = failure(&run(&["hold", &bus.port()]));
+    let line = failure(&run(&["reserve", &bus.port()]));
     assert!(line.contains("the adapter does not support this request"), "{line}");
 }
 

@@ -252,8 +252,8 @@ fn port_of_another_program_is_busy() {
     });
     assert!(output.status.success(), "{output:?}");
     let (info, monitor) = info.unwrap();
-    let holder = format!("in use by another program, armwire (process {monitor}): close that one first");
-    assert!(failure(&info).ends_with(&holder), "{info:?}");
+    let error = format!("in use by another program, armwire (process {monitor}): close that one first");
+    assert!(failure(&info).ends_with(&error), "{info:?}");
     success(&["info", &arm.port]);
 }
 

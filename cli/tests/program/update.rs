@@ -10,7 +10,7 @@ use rustix::process::{Pid, Signal, kill_process, kill_process_group};
 
 use crate::common::adapter::CanBus;
 use crate::common::board::Board;
-use crate::common::dfu::{HeldDfuUtil, LEAVE, LIST, image, tools, update, update_command};
+use crate::common::dfu::{LEAVE, LIST, WaitingDfuUtil, image, tools, update, update_command};
 use crate::common::terminal::Terminal;
 use crate::common::uf2::{self, Folders, RP2040};
 use crate::common::{PROGRAM, failure, finish, free_path, run, start};
@@ -271,7 +271,7 @@ fn missing_dfu_util_restarts_nothing() {
 /// An update of an adapter, with a process group of its own like that of a shell's job.
 struct Job {
     bus: CanBus,
-    dfu_util: HeldDfuUtil,
+    dfu_util: WaitingDfuUtil,
     child: Child,
     errors: BufReader<ChildStderr>,
 }
@@ -280,7 +280,7 @@ impl Job {
     /// Starts an update, whose `dfu-util` ends a write with this status.
     fn start(name: &str, exit: i32) -> Self {
         let bus = CanBus::start();
-        let dfu_util = HeldDfuUtil::new(name, &bus.boot_loader, exit);
+        let dfu_util = WaitingDfuUtil::new(name, &bus.boot_loader, exit);
         let file = dfu_util.folder.join("new.dfu");
         fs::write(&file, image("virtual")).unwrap();
         let mut command = update_command(&bus.port(), &file, &dfu_util.folder);

@@ -18,7 +18,7 @@ const GET_LATENCIES: u8 = 7;
 const SUBSCRIBE: u8 = 8;
 const END_STREAM: u8 = 11;
 const GET_LINE: u8 = 12;
-const HOLD_LINE: u8 = 13;
+const RESERVE_LINE: u8 = 13;
 const RELEASE_LINE: u8 = 14;
 const GET_RECOVERY: u8 = 16;
 
@@ -150,7 +150,7 @@ fn adapter_of_any_version_is_described() {
 
 #[test]
 fn error_names_version_7_of_an_adapter() {
-    let output = run_with(&["hold", "control:PORT"], replies(7, 61, &[]));
+    let output = run_with(&["reserve", "control:PORT"], replies(7, 61, &[]));
     let line = failure(&output);
     assert!(
         line.ends_with(
@@ -194,15 +194,15 @@ fn host_of_version_3_is_served() {
     };
     let reply = |body: &[u8]| [&[0, 7], body].concat();
     let done = reply(&[0]);
-    let held = [&LINE[..11], &[2, 0]].concat();
+    let reserved = [&LINE[..11], &[2, 0]].concat();
 
     assert_eq!(call(&[7, IDENTIFY]), reply(&identity(6)));
     assert_eq!(call(&[7, GET_CONFIG]), reply(&CONFIG));
     assert_eq!(call(&[7, SUBSCRIBE, 0, 1]), done);
     assert_eq!(call(&[7, END_STREAM]), done);
     assert_eq!(call(&[7, GET_LINE]), reply(&LINE));
-    assert_eq!(call(&[7, HOLD_LINE]), done);
-    assert_eq!(call(&[7, GET_LINE]), reply(&held));
+    assert_eq!(call(&[7, RESERVE_LINE]), done);
+    assert_eq!(call(&[7, GET_LINE]), reply(&reserved));
     assert_eq!(call(&[7, RELEASE_LINE]), done);
     // The host knows 56 counters and skips the last four. The 46th counts control requests.
     let counters = call(&[7, GET_COUNTERS]);

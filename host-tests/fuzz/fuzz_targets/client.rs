@@ -324,7 +324,7 @@ impl<P: Subject, const N: usize> Model<P, N> {
         let Some(pending) = self.pending.as_ref().filter(|pending| pending.reads == Reads::None) else {
             return;
         };
-        // It is held back.
+        // It is delayed.
         assert!(!P::HAS_TRANSACTION_ID && pending.info.response.is_some() && !self.broken);
         if pending.is_reading {
             let open = self
@@ -336,7 +336,7 @@ impl<P: Subject, const N: usize> Model<P, N> {
             // Requests of one other key leave room.
             let has_room = others.iter().all(|info| info.key == others[0].key);
             let is_alone = others.iter().all(|info| info.expect == pending.info.expect);
-            assert!(!(has_room && is_alone), "a reading is held back");
+            assert!(!(has_room && is_alone), "a reading is delayed");
         }
     }
 

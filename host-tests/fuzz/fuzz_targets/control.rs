@@ -186,7 +186,7 @@ fn answers(message: &core::result::Result<FromHost, Malformed>, reply: &Reply, h
             *reply == Reply::Done
         }
         Request::GetLine => matches!(reply, Reply::Line(_)),
-        Request::HoldLine => matches!(reply, Reply::Done | Reply::Failed(Failure::StreamArmed | Failure::Busy)),
+        Request::ReserveLine => matches!(reply, Reply::Done | Reply::Failed(Failure::StreamArmed | Failure::Busy)),
         Request::ReleaseLine => *reply == Reply::Done,
         Request::Stop => matches!(reply, Reply::Done | Reply::Failed(_)),
         Request::GetRecovery => *reply == Reply::Recovery { active: false },

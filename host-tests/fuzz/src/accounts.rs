@@ -152,8 +152,8 @@ impl Accounts {
             if c.silenced_bytes == 0 && !self.usb_gone && !self.commanded {
                 let ended = c.requests_can + c.refused_can_requests + c.refused_can_frames + c.control_requests;
                 let sent = self.can_requested.len() + self.can_control_requests + self.control_requests;
-                // Some requests refused during a hold may be polls, and some refused by a stop those of the host on USB.
-                let refused = c.refused_line_held + c.refused_stopped;
+                // Some requests refused on a reserved line may be polls, and some refused by a stop those of the host on USB.
+                let refused = c.refused_line_reserved + c.refused_stopped;
                 assert!((ended as usize..=(ended + refused) as usize).contains(&sent));
             }
         }

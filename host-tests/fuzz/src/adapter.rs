@@ -514,7 +514,7 @@ impl World {
     fn settle(&mut self) {
         // An Alpha1 has more than a second for an answer: a waiting request blocks the line for no longer.
         const HOLD: Duration = Duration::from_millis(3_000);
-        // A lease of the line and the rate of a host without DTR last for 10 s, and replies of many CAN frames take seconds.
+        // A reservation and the rate of a host without DTR last for 10 s, and replies of many CAN frames take seconds.
         let mut end = self.now + Duration::from_millis(25_000);
         while self.now < end {
             // A host on CAN may still request polls.

@@ -165,9 +165,9 @@ pub(super) struct Oracle {
     /// Time limit for the arm's rate after the port was closed; true if the change waits for queued bytes.
     rate_ends: Option<u64>,
     is_rate_ending: bool,
-    /// The host on USB holds the line by `hold-line`.
-    is_held: bool,
-    pub(super) may_be_held: bool,
+    /// The line is reserved by request.
+    is_reserved: bool,
+    pub(super) may_be_reserved: bool,
     /// Conditions met, for [`Conditions`](super::Conditions).
     pub(super) open_self_check: bool,
     pub(super) half_frame: bool,
@@ -216,7 +216,7 @@ struct PendingAnswer {
     key: Key,
     tag: Tag,
     due: u64,
-    /// The answer may match a later request, which could not be held back.
+    /// The answer may match a later request, which could not be delayed.
     is_ambiguous: bool,
 }
 
@@ -317,7 +317,7 @@ impl Oracle {
             self.rate_ends.is_none_or(|due| now <= due),
             "the line has another rate at {now} µs, and the port is closed"
         );
-        if self.is_held || self.is_other_rate_pending || !self.at_arms_rate || !self.wants_arms_rate {
+        if self.is_reserved || self.is_other_rate_pending || !self.at_arms_rate || !self.wants_arms_rate {
             self.last_poll = now;
         }
         let polls = self.poll_period.is_some_and(|period| now > self.last_poll + period);
@@ -349,8 +349,8 @@ impl Oracle {
         }
         (self.rate_ends, self.is_rate_ending) = (None, false);
         self.is_other_rate_pending |= !self.wants_arms_rate;
-        // Bytes at another rate are no sign of life, and there is no host timeout under `hold-line`.
-        if self.wants_arms_rate && !self.is_held {
+        // Bytes at another rate are no sign of life, and a reserved line has no host timeout.
+        if self.wants_arms_rate && !self.is_reserved {
             self.streams[0].on_sign(now);
         }
     }
@@ -396,17 +396,20 @@ impl Oracle {
         }
     }
 
-    /// `hold-line` begins, or ends.
-    pub(super) fn on_hold_line(&mut self, holds: bool) {
-        assert!(!holds || !self.is_armed(), "hold-line while a stream is armed");
-        self.is_held = holds;
+    /// A requested reservation begins, or ends.
+    pub(super) fn on_reservation(&mut self, is_reserved: bool) {
+        assert!(
+            !is_reserved || !self.is_armed(),
+            "a reservation while a stream is armed"
+        );
+        self.is_reserved = is_reserved;
     }
 
-    pub(super) fn on_hold_line_refused(&self, is_stopping: bool) {
+    pub(super) fn on_reservation_refused(&self, is_stopping: bool) {
         let streams = self.streams.iter().any(|stream| stream.possible_run >= STREAM);
         assert!(
             streams || self.torque_offs_due > 0 || is_stopping && self.stopped_until.is_some(),
-            "hold-line is refused without a motion stream or a stop"
+            "a reservation is refused without a motion stream or a stop"
         );
     }
 
@@ -414,7 +417,7 @@ impl Oracle {
 
     /// A stop is about to be requested. With `joins`, an earlier one has no reply yet.
     pub(super) fn on_stop_request(&mut self, now: u64, joins: bool) {
-        if self.is_held {
+        if self.is_reserved {
             return;
         }
         if self.stopped_until.is_none() {
@@ -489,7 +492,7 @@ impl Oracle {
         match reply {
             // The hold that it reports is recorded behind it.
             Reply::Done => self.is_stop_done = true,
-            Reply::Failed(Failure::LineHeld) => assert!(self.is_held, "the line is held at {now} µs"),
+            Reply::Failed(Failure::LineReserved) => assert!(self.is_reserved, "the line is reserved at {now} µs"),
             Reply::Failed(Failure::ArmSilent) => {
                 let (since, holds) = self.unanswered_stop;
                 assert!(
@@ -606,8 +609,8 @@ impl Oracle {
         );
         let is_alone = matches!(initiator, Initiator::Usb | Initiator::Adapter);
         assert!(
-            is_alone || !self.is_held,
-            "{initiator} sends {bytes:02X?} under hold-line"
+            is_alone || !self.is_reserved,
+            "{initiator} sends {bytes:02X?} under a reservation"
         );
         assert!(
             self.zeros_due == 0 || initiator == Initiator::Adapter && bytes[0] == 0,
@@ -715,8 +718,8 @@ impl Oracle {
                 let in_flight = self.pending_answers.iter().filter(of_usb).count();
                 self.most_in_flight = self.most_in_flight.max(in_flight);
             }
-            // At another rate the arm receives no valid request, and there is no host timeout under `hold-line`.
-            Effect::Motion | Effect::TorqueOn if !self.at_arms_rate || self.is_held => {}
+            // At another rate the arm receives no valid request, and a reserved line has no host timeout.
+            Effect::Motion | Effect::TorqueOn if !self.at_arms_rate || self.is_reserved => {}
             Effect::Motion => {
                 if let Some(stream) = self.stream(initiator) {
                     stream.possible_run += u32::from(initiator == Initiator::Usb);
@@ -737,7 +740,7 @@ impl Oracle {
         let sent_bytes: Vec<u8> = self.usb.drain(..bytes.len().min(self.usb.len())).collect();
         assert_eq!(bytes, sent_bytes, "bytes of the host on USB changed");
         self.usb_last_sent = end;
-        // An incomplete request is not held back, and no arm answers at another rate.
+        // An incomplete request is not delayed, and no arm answers at another rate.
         let is_free = self.is_usb_raw || self.usb_requests.pending() > 0 || !self.at_arms_rate;
         let is_shared = self.last_other_turn.is_some_and(|at| now + INSTANT < at + SHARED_TIME);
         let is_waited_for = self.can.front().is_some_and(|(received, _)| received + INSTANT < now);
@@ -879,11 +882,11 @@ impl Oracle {
         match event {
             Event::Refused {
                 initiator,
-                reason: Refusal::LineHeld,
+                reason: Refusal::LineReserved,
             } => {
                 assert!(
-                    self.is_held || self.may_be_held || self.is_other_rate_pending || !self.wants_arms_rate,
-                    "{initiator} is refused at {now} µs, and the line is not held"
+                    self.is_reserved || self.may_be_reserved || self.is_other_rate_pending || !self.wants_arms_rate,
+                    "{initiator} is refused at {now} µs, and the line is not reserved"
                 );
                 match initiator {
                     // A request accepted earlier is refused first.

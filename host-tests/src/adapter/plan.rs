@@ -115,7 +115,7 @@ impl Plan {
 
         streams(r, &config, after, end, &mut steps);
         match live {
-            Some(Host::Can) => held_back(r, after, end, &mut steps),
+            Some(Host::Can) => delayed(r, after, end, &mut steps),
             Some(Host::Commander) => without_speed(r, &config, after, end, &mut steps),
             _ => {}
         }
@@ -162,8 +162,8 @@ impl Plan {
             }
         }
         if r.percent(18) {
-            let [hold, release] = [Request::HoldLine, Request::ReleaseLine].map(Step::Control);
-            steps.extend(interval(r, end, 500, hold, release));
+            let [reserve, release] = [Request::ReserveLine, Request::ReleaseLine].map(Step::Control);
+            steps.extend(interval(r, end, 500, reserve, release));
         }
         if saves {
             for _ in 0..r.between(1, 3) {
@@ -359,7 +359,7 @@ fn streams(r: &mut Random, config: &Config, after: u64, end: u64, steps: &mut Ve
 }
 
 /// A motion stream on CAN, at up to 1 kHz, beside self-checks of the host on USB.
-fn held_back(r: &mut Random, after: u64, end: u64, steps: &mut Vec<(u64, Step)>) {
+fn delayed(r: &mut Random, after: u64, end: u64, steps: &mut Vec<(u64, Step)>) {
     steps.retain(|(_, step)| !matches!(step, Step::CanSends(_)));
     let period = r.one_of(&[1, 5, 20, 20, 50, 50, 90]) * MILLISECOND;
     let begin = r.between(0, end / 4);

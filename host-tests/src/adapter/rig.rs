@@ -64,7 +64,7 @@ pub(super) struct Rig {
     save_duration: u64,
     /// Conditions met.
     other_rate: bool,
-    held_line: bool,
+    reserved_line: bool,
     saved: bool,
     unsolicited: u32,
     /// The adapter has restarted: the run is over.
@@ -120,7 +120,7 @@ impl Rig {
             stops: Vec::new(),
             save_duration,
             other_rate: false,
-            held_line: false,
+            reserved_line: false,
             saved: false,
             unsolicited: 0,
             is_over: false,
@@ -364,7 +364,7 @@ impl Rig {
             Request::Restart | Request::RestartIntoBootLoader => self.oracle.on_restart_request(),
             Request::EndStream => self.oracle.on_end_stream(),
             // Requests of other hosts are refused before the reply.
-            Request::HoldLine => self.oracle.may_be_held = true,
+            Request::ReserveLine => self.oracle.may_be_reserved = true,
             Request::Stop => self.oracle.on_stop_request(self.now, !self.stops.is_empty()),
             _ => {}
         }
@@ -375,22 +375,22 @@ impl Rig {
             self.stops.push(self.sequence);
         }
         self.poll_control();
-        self.oracle.may_be_held = false;
+        self.oracle.may_be_reserved = false;
         match (request, self.reply.take()) {
-            (Request::HoldLine, Some(Reply::Done)) => {
-                self.held_line = true;
-                self.oracle.on_hold_line(true);
+            (Request::ReserveLine, Some(Reply::Done)) => {
+                self.reserved_line = true;
+                self.oracle.on_reservation(true);
             }
-            (Request::HoldLine, reply) => {
+            (Request::ReserveLine, reply) => {
                 let is_stopping = reply == Some(Reply::Failed(Failure::Busy));
                 assert!(
                     is_stopping || reply == Some(Reply::Failed(Failure::StreamArmed)),
                     "{reply:?}"
                 );
-                self.oracle.on_hold_line_refused(is_stopping);
+                self.oracle.on_reservation_refused(is_stopping);
             }
             (Request::Stop, _) => self.oracle.on_stop(),
-            (Request::ReleaseLine, _) => self.oracle.on_hold_line(false),
+            (Request::ReleaseLine, _) => self.oracle.on_reservation(false),
             (Request::SetConfig(config), reply) if config.arm != ArmKind::Ling => {
                 assert_eq!(reply, Some(Reply::Failed(Failure::StreamArmed)));
             }
@@ -443,7 +443,7 @@ impl Rig {
     fn on_message(&mut self, message: FromAdapter) {
         match message {
             FromAdapter::Reply { sequence, reply } => {
-                let identified = matches!(reply, Reply::Arm(_) | Reply::Failed(Failure::LineHeld));
+                let identified = matches!(reply, Reply::Arm(_) | Reply::Failed(Failure::LineReserved));
                 self.oracle.on_control_reply(identified);
                 if let Some(nth) = self.stops.iter().position(|stop| *stop == sequence) {
                     self.stops.remove(nth);
@@ -507,7 +507,7 @@ impl Rig {
         };
         let refused = |bridge: &mut Bridge| {
             let counters = bridge.counters();
-            let refused = [counters.refused_line_held, counters.refused_stopped];
+            let refused = [counters.refused_line_reserved, counters.refused_stopped];
             (counters.commands_stale, refused)
         };
         let before = refused(&mut self.bridge);
@@ -662,7 +662,7 @@ impl Rig {
             ("untracked request", self.oracle.untracked_until > 0),
             ("incomplete frame", self.oracle.half_frame),
             ("another baud rate", self.other_rate),
-            ("hold-line", self.held_line),
+            ("reservation", self.reserved_line),
             ("save", self.saved),
             ("unsolicited frame every 40 ms", self.unsolicited >= 5),
             ("answer 50 to 100 ms after its request", self.arm.has_answered_late),

@@ -146,7 +146,7 @@ impl UsbHost {
             self.last_rx = now;
         }
         if self.tracker.give_up(now) && now.since(self.last_rx) > FRAME_GAP_TIMEOUT {
-            // An apparent start of a frame may hold back the answers behind it.
+            // An apparent start of a frame may delay the answers behind it.
             self.decoder.idle();
             self.decode();
         }

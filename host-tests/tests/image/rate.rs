@@ -1,4 +1,4 @@
-//! The firmware image and the line's rate: its changes, its return to the arm's rate, and `hold-line`.
+//! The firmware image and the line's rate: its changes, its return to the arm's rate, and reservations.
 
 use armwire::framing::Framing;
 use armwire::ling::{JOINTS, Ling, Request, Torque};
@@ -6,7 +6,7 @@ use armwire_bridge::Duration;
 use armwire_bridge::can::Node;
 use armwire_bridge::can::command::Command;
 use armwire_bridge::config::{Can, Config, HostTimeout, Poll};
-use armwire_bridge::control::{self, Failure, HOLD_LEASE_MS, LineHolder, LineState, Reply};
+use armwire_bridge::control::{self, Failure, LineReservation, LineState, RESERVATION_MS, Reply};
 use armwire_host_tests::image::requests::{frame, motion};
 use armwire_host_tests::image::{
     Control, MEGABAUD, RawArm, byte_time, chip, counters, facts, for_chip, noise, on_board, plug_in, same_bytes,
@@ -102,7 +102,7 @@ fn line_returns_to_arm_at_close_or_suspend() {
             board.usb().set_line_coding(LineCoding::new(9_600)).unwrap();
             board.run_for(millis(120)).unwrap();
             assert!(runs_at(board, 9_600));
-            assert_eq!(line_state(board, &mut control).holder, LineHolder::OtherRate);
+            assert_eq!(line_state(board, &mut control).reservation, LineReservation::OtherRate);
             polls(board);
             board.run_for(millis(500)).unwrap();
             assert_eq!(polls(board), 0);
@@ -170,7 +170,7 @@ fn port_at_9600_then_1m_spares_can_stream() {
             (
                 after.refused_rate_bytes,
                 after.refused_other_rate,
-                after.refused_line_held
+                after.refused_line_reserved
             ),
             (200, 1, 0)
         );
@@ -220,7 +220,7 @@ fn torque_off_at_the_arms_rate(baud: u32) {
         );
 
         assert_eq!(board.usb().line_coding().unwrap(), Some(LineCoding::new(baud)));
-        assert_eq!(line_state(board, &mut control).holder, LineHolder::Nobody);
+        assert_eq!(line_state(board, &mut control).reservation, LineReservation::None);
         assert!(counters(board).refused_rate_bytes > 0);
         // The host's rate returns when the host sets it again.
         let before = line.len();
@@ -250,23 +250,23 @@ fn torque_off_cuts_a_burst_at_115200_baud() {
 }
 
 #[test]
-fn hold_line_passes_upload_byte_for_byte() {
+fn reserved_line_passes_upload_byte_for_byte() {
     on_board(RawArm::default(), |board| {
         let mut control = set_up(board, Poll::Hertz(100));
         board.run_for(millis(200)).unwrap();
         assert!(polls(board) > 1);
-        control.order(board, control::Request::HoldLine);
+        control.order(board, control::Request::ReserveLine);
         board.run_for(millis(100)).unwrap();
         polls(board);
         let image = noise(1, IMAGE);
         board.usb().write(&image).unwrap();
         while board.usb().unsent() > 0 {
             board.run_for(millis(1_000)).unwrap();
-            control.order(board, control::Request::HoldLine);
+            control.order(board, control::Request::ReserveLine);
         }
         board.run_for(millis(1_000)).unwrap();
         same_bytes("the arm", &board.with_arm(RawArm::take_received), &image);
-        assert_eq!(line_state(board, &mut control).holder, LineHolder::HoldLine);
+        assert_eq!(line_state(board, &mut control).reservation, LineReservation::Requested);
         control.order(board, control::Request::ReleaseLine);
         board.run_for(millis(500)).unwrap();
         assert!(polls(board) >= 3);
@@ -274,7 +274,7 @@ fn hold_line_passes_upload_byte_for_byte() {
 }
 
 #[test]
-fn polls_interleave_upload_without_hold_line() {
+fn polls_interleave_upload_without_reservation() {
     on_board(RawArm::default(), |board| {
         set_up(board, Poll::Hertz(100));
         // No zeros, to identify those of the adapter.
@@ -305,12 +305,12 @@ fn polls_interleave_upload_without_hold_line() {
 }
 
 #[test]
-fn hold_of_killed_program_ends_with_lease() {
+fn reservation_of_killed_program_ends_by_itself() {
     on_board(RawArm::default(), |board| {
         let mut control = set_up(board, Poll::Hertz(100));
-        control.order(board, control::Request::HoldLine);
-        board.run_for(millis(u64::from(HOLD_LEASE_MS) - 100)).unwrap();
-        assert_eq!(line_state(board, &mut control).holder, LineHolder::HoldLine);
+        control.order(board, control::Request::ReserveLine);
+        board.run_for(millis(u64::from(RESERVATION_MS) - 100)).unwrap();
+        assert_eq!(line_state(board, &mut control).reservation, LineReservation::Requested);
         polls(board);
         board.run_for(millis(600)).unwrap();
         assert_eq!(line_state(board, &mut control), LineState::default());
@@ -319,7 +319,7 @@ fn hold_of_killed_program_ends_with_lease() {
 }
 
 #[test]
-fn hold_line_is_refused_during_motion_stream() {
+fn reservation_is_refused_during_motion_stream() {
     on_board(RawArm::default(), |board| {
         let mut control = set_up(board, Poll::Off);
         for _ in 0..3 {
@@ -327,9 +327,9 @@ fn hold_line_is_refused_during_motion_stream() {
             board.run_for(millis(20)).unwrap();
         }
         let refused = Reply::Failed(Failure::StreamArmed);
-        assert_eq!(control.call(board, control::Request::HoldLine), refused);
+        assert_eq!(control.call(board, control::Request::ReserveLine), refused);
         control.order(board, control::Request::EndStream);
-        control.order(board, control::Request::HoldLine);
+        control.order(board, control::Request::ReserveLine);
         board.run_for(Duration::from_millis(1_000)).unwrap();
         assert_eq!(board.with_arm(RawArm::take_received), motion().repeat(3));
     });

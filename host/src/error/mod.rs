@@ -54,8 +54,8 @@ pub enum Error {
     Interrupted(Box<dyn error::Error + Send + Sync>),
     /// The port or the connection is gone that was open: it may come back.
     Lost { name: Outside, reason: Outside },
-    /// Another program has the port. `holder` describes it.
-    InUse { name: Outside, holder: Outside },
+    /// Another program uses the port. `user` describes it.
+    InUse { name: Outside, user: Outside },
     /// The port accepts no bytes.
     Stuck { name: Outside },
     /// The arm is of the older generation, which is sent nothing.
@@ -191,7 +191,7 @@ impl Error {
                 at(name, &what)
             }
             Self::Interrupted(reason) => reason.to_string().into(),
-            Self::InUse { name, holder } => at(name, &format!("in use by {holder}: close that one first")),
+            Self::InUse { name, user } => at(name, &format!("in use by {user}: close that one first")),
             Self::Stuck { name } => at(name, "the port accepts no bytes: is the adapter stuck?"),
             Self::Legacy { name, legacy } => at(name, &format!("this is {legacy}")).remedy(Remedy::Listen),
             Self::NoAnswer { name, cause, hint, .. } => at(name, &format!("{cause}: ")).append(hint),

@@ -19,8 +19,8 @@ pub enum Remedy {
     TorqueOn,
     /// The arm may be stopped.
     Stop,
-    /// A program holds the adapter's line, and may end that.
-    EndHold,
+    /// A program reserves the adapter's line, and may end that.
+    EndReservation,
 }
 
 /// Text for a user, with a place for the words of a program at each remedy. It is displayed without them. Text from outside
@@ -95,15 +95,18 @@ mod tests {
     #[test]
     fn words_of_a_program_stand_at_their_places() {
         let other = Text::from("an Alpha1").remedy(Remedy::TryAs(Protocol::Alpha1));
-        let text = Text::from("is it ").append(&other).and("?").remedy(Remedy::EndHold);
+        let text = Text::from("is it ")
+            .append(&other)
+            .and("?")
+            .remedy(Remedy::EndReservation);
         assert_eq!(text.to_string(), "is it an Alpha1?");
         assert_eq!(
             text.with(|remedy| format!(" [{remedy:?}]")),
-            "is it an Alpha1 [TryAs(Alpha1)]? [EndHold]"
+            "is it an Alpha1 [TryAs(Alpha1)]? [EndReservation]"
         );
         assert_eq!(
             text.remedies().collect::<Vec<_>>(),
-            [Remedy::TryAs(Protocol::Alpha1), Remedy::EndHold]
+            [Remedy::TryAs(Protocol::Alpha1), Remedy::EndReservation]
         );
     }
 }

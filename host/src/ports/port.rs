@@ -20,7 +20,7 @@ use crate::ports::control::Adapter;
 use crate::ports::control::usb::UsbLine;
 use crate::ports::hid::{self, Selector};
 use crate::ports::line::Line;
-use crate::ports::line_holder;
+use crate::ports::line_reservation;
 use crate::ports::link::Link;
 use crate::ports::serial::{self, Serial};
 use crate::ports::tcp::{Tcp, TcpAddress};
@@ -347,18 +347,18 @@ impl Connection {
         is_in_recovery.then(|| control.name().to_owned())
     }
 
-    /// Adds to the error of a missing answer on CAN what the adapters know: who holds the line to the arm, or which errors
-    /// the bus has. It asks them, which takes up to 3 s. Other errors are unchanged.
+    /// Adds to the error of a missing answer on CAN what the adapters know: a reservation of the line to the arm, or the
+    /// errors of the bus. It asks them, which takes up to 3 s. Other errors are unchanged.
     #[must_use]
     pub fn explain(&self, mut error: Error) -> Error {
         if let (Some(bus), Error::NoAnswer { hint, missing, .. }) = (&self.bus, &mut error)
             && let Missing::Silent | Missing::Adapter = missing
         {
-            // The request for the holder reads the state, too, which clears it.
+            // The request for the reservation reads the state, too, which clears it.
             let state = bus.error_state();
-            let holder = (*missing == Missing::Silent).then(|| self.holder()).flatten();
-            match (holder, state) {
-                (Some(holder), _) => *hint = Text::from("the line to the arm runs at ").append(&holder),
+            let reservation = (*missing == Missing::Silent).then(|| self.reservation()).flatten();
+            match (reservation, state) {
+                (Some(rate), _) => *hint = Text::from("the line to the arm runs at ").append(&rate),
                 (None, Some(state)) => *hint = Text::from(state + ": ").append(hint),
                 (None, None) => {}
             }
@@ -366,11 +366,11 @@ impl Connection {
         error
     }
 
-    /// The holder of the line to the arm, read from the adapter. `None` without a holder, without a reply, or while the
+    /// The reservation of the line to the arm, read from the adapter. `None` without one, without a reply, or while the
     /// program itself has the control port.
-    fn holder(&self) -> Option<Text> {
+    fn reservation(&self) -> Option<Text> {
         let line = self.adapter().ok()?.line().ok()??;
-        line_holder::describe(&line)
+        line_reservation::describe(&line)
     }
 
     fn on_can(&self, node: Node, tx: Function, rx: Function) -> Result<CanLine, Error> {

@@ -22,7 +22,7 @@ use crate::describe::Protocol;
 use crate::error::Error;
 use crate::error::text::{Remedy, Text};
 use crate::ports::line::{Line, Names, Reception, is_nothing_yet};
-use crate::ports::port_holder;
+use crate::ports::port_user;
 use crate::ports::system;
 
 /// Timeout of a write. The longest request takes less than 40 ms at 9600 baud.
@@ -158,13 +158,13 @@ pub(crate) fn not_opened(port: &str, error: &io::Error) -> Error {
     let reason = match error.kind() {
         // Another program has locked the port, or keeps all others from opening it.
         ErrorKind::WouldBlock | ErrorKind::ResourceBusy if cfg!(unix) => {
-            let holder = match port_holder::find(port) {
+            let user = match port_user::find(port) {
                 Some(program) => format!("another program, {program}"),
                 None => format!("another program ('fuser -v {port}' names it)"),
             };
             return Error::InUse {
                 name: port.into(),
-                holder: holder.into(),
+                user: user.into(),
             };
         }
         ErrorKind::NotFound if is_host(port) => {
@@ -196,10 +196,10 @@ pub(crate) fn not_opened(port: &str, error: &io::Error) -> Error {
         // The error of Windows for a port that is already open.
         #[cfg(not(unix))]
         ErrorKind::PermissionDenied => {
-            let (name, holder) = (port.to_owned(), "another program".to_owned());
+            let (name, user) = (port.to_owned(), "another program".to_owned());
             return Error::InUse {
                 name: name.into(),
-                holder: holder.into(),
+                user: user.into(),
             };
         }
         #[cfg(unix)]

@@ -281,8 +281,8 @@ impl<A: Readable> Reader<A> {
         let history = Arc::clone(&reader.history);
         arm.call(|arm| {
             if arm.on_pose().is_some() {
-                let (name, holder) = (arm.name().into(), "another reader of this program".into());
-                return Err(Error::InUse { name, holder });
+                let (name, user) = (arm.name().into(), "another reader of this program".into());
+                return Err(Error::InUse { name, user });
             }
             *arm.on_pose() = Some(Box::new(move |pose| {
                 history.push(pose, HostTime::now(), Stamping::Receipt);

@@ -135,7 +135,7 @@ impl<D: Correlation<Key = u8, Expect = u8>, I: Copy + Eq> Line<D, I> {
         };
         let frame = [key, 0];
         let is_last = |who: &I| self.exchange.is_last_answer(&self.correlation, *who, &frame, first);
-        let last = self.exchange.holder().filter(is_last);
+        let last = self.exchange.open_initiator().filter(is_last);
         let matched = self
             .exchange
             .on_frame(&self.correlation, &frame, first, Instant::from_micros(now));

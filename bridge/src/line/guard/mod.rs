@@ -1,4 +1,4 @@
-//! Limits of the bytes for the arm: the supervision of streams of motion, a stop, the line's rate and its holder.
+//! Limits of the bytes for the arm: the supervision of streams of motion, a stop, the line's rate and its reservation.
 
 mod dead_man;
 mod rate;
@@ -35,10 +35,10 @@ pub(crate) type EndedStreams = [Option<EndedStream>; STREAMERS.len()];
 pub(crate) struct Guard {
     pub(super) dead_man: DeadMan,
     pub(super) stop: Stop,
-    /// Change it by [`Line::change_rate`](super::Line::change_rate) where this may change the holder.
+    /// Change it by [`Line::change_rate`](super::Line::change_rate) where this may change the reservation.
     pub(super) rate: LineRate,
-    /// Polls and CAN are being refused because the host on USB holds the line.
-    is_held: bool,
+    /// Polls and CAN are being refused because the line is reserved for the host on USB.
+    is_reserved: bool,
 }
 
 impl Guard {
@@ -47,7 +47,7 @@ impl Guard {
             dead_man: DeadMan::new(config.host_timeout, can_switch_off(config)),
             stop: Stop::new(),
             rate: LineRate::new(config.arm),
-            is_held: false,
+            is_reserved: false,
         }
     }
 
@@ -64,16 +64,16 @@ impl Guard {
         })
     }
 
-    /// Returns true if polls and CAN are refused because the host on USB holds the line.
-    pub(super) const fn is_held(&self) -> bool {
-        self.is_held
+    /// Returns true if polls and CAN are refused because the line is reserved for the host on USB.
+    pub(super) const fn is_reserved(&self) -> bool {
+        self.is_reserved
     }
 
-    /// Compares the holder of the line with the last one. Returns true or false if a hold has begun or ended. `queued`
-    /// bytes of the host on USB wait.
-    pub(super) fn changed_holder(&mut self, queued: usize) -> Option<bool> {
-        let held = self.rate.is_held(queued);
-        (core::mem::replace(&mut self.is_held, held) != held).then_some(held)
+    /// Returns true or false if a reservation has begun or ended since the last call. `queued` bytes of the host on USB
+    /// wait.
+    pub(super) fn changed_reservation(&mut self, queued: usize) -> Option<bool> {
+        let is_reserved = self.rate.is_reserved(queued);
+        (core::mem::replace(&mut self.is_reserved, is_reserved) != is_reserved).then_some(is_reserved)
     }
 
     /// Returns true if the host on USB may have a rate other than the arm's.
@@ -89,8 +89,8 @@ impl Guard {
 
     /// A request of the host on USB went out.
     pub(super) fn host_requested(&mut self, is_motion: bool, is_torque_on: bool, now: Instant) {
-        // The arm cannot read bytes at another rate, and `hold-line` disables torque-off.
-        if !self.rate.is_arms() || self.rate.is_on_hold() {
+        // The arm cannot read bytes at another rate, and a requested reservation disables torque-off.
+        if !self.rate.is_arms() || self.rate.is_reserved_by_request() {
             return;
         }
         if is_motion {

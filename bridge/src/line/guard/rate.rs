@@ -1,7 +1,7 @@
-//! The line's rate, set by the arm's kind or by the host on USB, and the exclusive hold of the line for USB.
+//! The line's rate, set by the arm's kind or by the host on USB, and the reservation of the line for USB.
 
 use crate::config::ArmKind;
-use crate::control::{LineHolder, LineState};
+use crate::control::{LineReservation, LineState};
 use crate::earliest::Earliest;
 use crate::line::byte_time::ByteTime;
 use crate::line_coding::{LineCoding, UartConfig};
@@ -23,8 +23,8 @@ const SETTLE: Duration = Duration::from_millis(100);
 /// Time without a byte in either direction after which a host without DTR loses its rate.
 const IDLE: Duration = Duration::from_millis(10_000);
 
-/// The lease of [`HoldLine`](crate::control::Request::HoldLine).
-const LEASE: Duration = Duration::from_millis(crate::control::HOLD_LEASE_MS as u64);
+/// Duration of a reservation by [`ReserveLine`](crate::control::Request::ReserveLine).
+const RESERVATION: Duration = Duration::from_millis(crate::control::RESERVATION_MS as u64);
 
 /// A change of the line between bytes of the host on USB.
 #[derive(Clone, Copy)]
@@ -34,7 +34,7 @@ struct Change {
     behind: usize,
 }
 
-/// The UART's configuration, its pending changes, and the holder of the line.
+/// The UART's configuration, its pending changes, and the reservation of the line.
 pub(crate) struct LineRate {
     line: UartConfig,
     byte_time: ByteTime,
@@ -56,8 +56,8 @@ pub(crate) struct LineRate {
     /// Bytes of the host were refused since it set its rate.
     refused: bool,
     dtr: bool,
-    /// The port that requested `hold-line`, and the end of its lease.
-    hold: Option<(ControlPort, Instant)>,
+    /// The port that requested a reservation, and the end of it.
+    reserved: Option<(ControlPort, Instant)>,
 }
 
 impl LineRate {
@@ -76,7 +76,7 @@ impl LineRate {
             revoked: false,
             refused: false,
             dtr: false,
-            hold: None,
+            reserved: None,
         }
     }
 
@@ -234,21 +234,21 @@ impl LineRate {
         true
     }
 
-    // ---- The holder of the line ----
+    // ---- The reservation of the line ----
 
     /// Returns true if the line has the arm's rate.
     pub(crate) fn is_arms(&self) -> bool {
         !self.is_other(&self.line)
     }
 
-    /// Returns true if the host on USB has the line exclusively: polls and CAN are refused.
-    pub(crate) fn is_held(&self, queued: usize) -> bool {
-        self.hold.is_some() || self.has_other_rate(queued)
+    /// Returns true if the line is reserved for the host on USB: polls and CAN are refused.
+    pub(crate) fn is_reserved(&self, queued: usize) -> bool {
+        self.reserved.is_some() || self.has_other_rate(queued)
     }
 
-    /// Returns true during `hold-line`.
-    pub(crate) const fn is_on_hold(&self) -> bool {
-        self.hold.is_some()
+    /// Returns true if a control port has requested the reservation.
+    pub(crate) const fn is_reserved_by_request(&self) -> bool {
+        self.reserved.is_some()
     }
 
     /// Returns true if the line has or will have a rate other than the arm's, until the last byte at that rate is out.
@@ -265,34 +265,34 @@ impl LineRate {
         line.coding != self.arm.coding
     }
 
-    /// Begins or renews the lease of `port`. Returns false if the other port holds the line.
-    pub(crate) fn hold(&mut self, port: ControlPort, now: Instant) -> bool {
-        let is_free = self.hold.is_none_or(|(holder, _)| holder == port);
+    /// Begins or renews the reservation of `port`. Returns false if the other port has reserved the line.
+    pub(crate) fn reserve(&mut self, port: ControlPort, now: Instant) -> bool {
+        let is_free = self.reserved.is_none_or(|(by, _)| by == port);
         if is_free {
-            self.hold = Some((port, now + LEASE));
+            self.reserved = Some((port, now + RESERVATION));
         }
         is_free
     }
 
-    /// Ends the lease of `port`.
-    pub(crate) fn unhold(&mut self, port: ControlPort) {
-        let _ = self.hold.take_if(|(holder, _)| *holder == port);
+    /// Ends the reservation of `port`.
+    pub(crate) fn end_reservation(&mut self, port: ControlPort) {
+        let _ = self.reserved.take_if(|(by, _)| *by == port);
     }
 
     /// The state for [`Reply::Line`](crate::control::Reply::Line).
     #[inline(never)]
     pub(crate) fn state(&self, queued: usize) -> LineState {
-        let holder = match self.hold {
-            Some(_) => LineHolder::HoldLine,
-            None if self.has_other_rate(queued) => LineHolder::OtherRate,
-            None => LineHolder::Nobody,
+        let reservation = match self.reserved {
+            Some(_) => LineReservation::Requested,
+            None if self.has_other_rate(queued) => LineReservation::OtherRate,
+            None => LineReservation::None,
         };
         let is_wanted = self.dtr || self.revoked;
         let waiting = if is_wanted { self.requested } else { self.goal.coding };
         LineState {
             coding: self.line.coding,
             arm: self.arm.coding,
-            holder,
+            reservation,
             waiting: Some(waiting).filter(|waiting| *waiting != self.line.coding),
         }
     }
@@ -302,13 +302,13 @@ impl LineRate {
     /// The time of the next [`tick`](Self::tick). Without `may`, the host's rate is deferred.
     pub(crate) fn timeout(&self, may: bool) -> Option<Instant> {
         let deadline = self.deadline.filter(|_| may || !self.dtr);
-        Earliest::of(deadline).or(self.hold.map(|(_, until)| until)).get()
+        Earliest::of(deadline).or(self.reserved.map(|(_, until)| until)).get()
     }
 
     /// Advances the time to `now` and executes the due [`timeout`](Self::timeout). The last byte in either direction
     /// moved at `moved`, and `queued` bytes of the host on USB wait.
     pub(crate) fn tick(&mut self, may: bool, moved: Instant, queued: usize, now: Instant) {
-        let _ = self.hold.take_if(|(_, until)| *until <= now);
+        let _ = self.reserved.take_if(|(_, until)| *until <= now);
         if self.deadline.is_none_or(|at| at > now) || self.dtr && !may {
             return;
         }
@@ -316,8 +316,8 @@ impl LineRate {
             self.take(queued, now);
             return;
         }
-        // During `hold-line` the host may be idle for any time.
-        let since = if self.hold.is_some() { now } else { moved };
+        // With a requested reservation the host may be idle for any time.
+        let since = if self.reserved.is_some() { now } else { moved };
         match since + IDLE > now {
             true => self.deadline = Some(since + IDLE),
             false => self.release(queued),

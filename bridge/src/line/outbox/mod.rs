@@ -86,9 +86,9 @@ impl Outbox {
     }
 
     /// Restarts the poll clock.
-    pub(super) fn restart_poll(&mut self, rate: config::Poll, is_held: bool, now: Instant) {
+    pub(super) fn restart_poll(&mut self, rate: config::Poll, is_reserved: bool, now: Instant) {
         self.poll = Poll::new(rate, self.poll.lead());
-        self.poll.pause(is_held, now);
+        self.poll.pause(is_reserved, now);
         self.poll.tick(now);
     }
 
@@ -201,21 +201,21 @@ impl Outbox {
     }
 
     /// Queues an identification request.
-    pub(super) fn identify(&mut self, kind: ArmKind, is_held: bool, now: Instant, journal: &mut Journal) {
+    pub(super) fn identify(&mut self, kind: ArmKind, is_reserved: bool, now: Instant, journal: &mut Journal) {
         self.requests.identification = if kind.own(OwnRequest::Identify).is_none() {
             Identification::Ended(Ok(None))
-        } else if is_held {
-            journal.refused(Initiator::Adapter, Refusal::LineHeld, now);
-            Identification::Ended(Err(Failure::LineHeld))
+        } else if is_reserved {
+            journal.refused(Initiator::Adapter, Refusal::LineReserved, now);
+            Identification::Ended(Err(Failure::LineReserved))
         } else {
             Identification::Waiting(now)
         };
     }
 
-    /// Repeats an identification that waits, because the kind of arm or the holder of the line changed.
-    pub(super) fn identify_again(&mut self, kind: ArmKind, is_held: bool, now: Instant, journal: &mut Journal) {
+    /// Repeats an identification that waits, because the kind of arm or the reservation of the line changed.
+    pub(super) fn identify_again(&mut self, kind: ArmKind, is_reserved: bool, now: Instant, journal: &mut Journal) {
         if let Identification::Waiting(_) = self.requests.identification {
-            self.identify(kind, is_held, now, journal);
+            self.identify(kind, is_reserved, now, journal);
         }
     }
 
@@ -263,20 +263,20 @@ impl Outbox {
         }
     }
 
-    /// Pauses the poll and refuses the requests of all but the host on USB when a hold begins, and resumes the poll when
-    /// it ends.
-    pub(super) fn hold(&mut self, kind: ArmKind, is_held: bool, now: Instant, journal: &mut Journal) {
-        let missed = self.poll.pause(is_held, now);
+    /// Pauses the poll and refuses the requests of all but the host on USB when a reservation begins, and resumes the
+    /// poll when it ends.
+    pub(super) fn reserve(&mut self, kind: ArmKind, is_reserved: bool, now: Instant, journal: &mut Journal) {
+        let missed = self.poll.pause(is_reserved, now);
         count(&mut journal.counters.missed_polls, missed);
-        if !is_held {
+        if !is_reserved {
             return;
         }
         if !self.poll.is_off() {
-            journal.refused(Initiator::Poll, Refusal::LineHeld, now);
+            journal.refused(Initiator::Poll, Refusal::LineReserved, now);
         }
-        self.refuse_command(Refusal::LineHeld, now, journal);
-        self.refuse_can_requests(Refusal::LineHeld, now, journal);
-        self.identify_again(kind, is_held, now, journal);
+        self.refuse_command(Refusal::LineReserved, now, journal);
+        self.refuse_can_requests(Refusal::LineReserved, now, journal);
+        self.identify_again(kind, is_reserved, now, journal);
     }
 
     // ---- Torque-off, and a stop of the arm ----
@@ -415,15 +415,15 @@ impl Outbox {
 /// The limits of requests other than of the host on USB.
 #[derive(Clone, Copy)]
 pub(super) struct Limits {
-    /// The host on USB holds the line.
-    pub(super) is_held: bool,
+    /// The line is reserved for the host on USB.
+    pub(super) is_reserved: bool,
     pub(super) refuses_motion: bool,
 }
 
 impl Limits {
     pub(super) const fn check(self, is_motion: bool) -> Result<(), Refusal> {
         match self {
-            Self { is_held: true, .. } => Err(Refusal::LineHeld),
+            Self { is_reserved: true, .. } => Err(Refusal::LineReserved),
             Self {
                 refuses_motion: true, ..
             } if is_motion => Err(Refusal::Stopped),

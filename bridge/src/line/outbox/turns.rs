@@ -25,7 +25,7 @@ impl Outbox {
         if self.from_host.is_in_sequence() || self.are_others_idle(now) {
             return self.contender(line, Initiator::Usb, now).map(|_| Initiator::Usb);
         }
-        if line.wire.holder().is_some() {
+        if line.wire.open_initiator().is_some() {
             return None;
         }
         if self.is_stop_first(line) {
@@ -89,7 +89,7 @@ impl Outbox {
     /// Returns true if the host on USB may send. Alone on the line it always may, as it receives every answer. On a
     /// shared line it is limited to the number of tracked requests, and to requests whose answer cannot be another's.
     fn may_host_go(&self, line: View<'_>, now: Instant) -> bool {
-        // A sequence in progress is not held back, and no arm answers at another rate.
+        // A sequence in progress is not delayed, and no arm answers at another rate.
         if line.wire.is_idle() || self.from_host.is_in_sequence() || !line.guard.rate.is_arms() {
             return true;
         }
@@ -103,7 +103,7 @@ impl Outbox {
 
     /// The time at which the host on USB, which has paused, loses its turn to others that wait.
     pub(in crate::line) fn turn_timeout(&self, line: View<'_>) -> Option<Instant> {
-        if !self.from_host.is_in_sequence() || line.wire.holder().is_some() && !self.requests.is_urgent() {
+        if !self.from_host.is_in_sequence() || line.wire.open_initiator().is_some() && !self.requests.is_urgent() {
             return None;
         }
         if self.are_others_idle(Instant::ZERO) {

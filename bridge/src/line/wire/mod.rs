@@ -207,15 +207,16 @@ impl Wire {
 
     // ---- Requests in flight ----
 
-    /// The initiator whose request is in flight.
-    pub(super) fn holder(&self) -> Option<Initiator> {
-        self.exchange.holder()
+    /// The initiator of the oldest open exchange: its request is in flight.
+    pub(super) fn open_initiator(&self) -> Option<Initiator> {
+        self.exchange.open_initiator()
     }
 
-    /// Returns true if the next answer is for an initiator other than the host on USB: the arm's bytes are held back
+    /// Returns true if the next answer is for an initiator other than the host on USB: the arm's bytes are kept
     /// until their frame is known.
     pub(super) fn is_anothers(&self) -> bool {
-        self.holder().is_some_and(|holder| holder != Initiator::Usb)
+        self.open_initiator()
+            .is_some_and(|initiator| initiator != Initiator::Usb)
     }
 
     /// Returns true if no answer is missing.
@@ -267,10 +268,10 @@ impl Wire {
 
     /// Ends all exchanges, for another kind of arm. Returns the initiator whose request was in flight.
     pub(super) fn end_exchanges(&mut self, journal: &mut Journal) -> Option<Initiator> {
-        let holder = self.holder();
+        let initiator = self.open_initiator();
         let missing = self.exchange.clear();
         count(&mut journal.counters.unanswered_requests, missing);
-        holder
+        initiator
     }
 
     /// Drops the bytes of an unfinished frame, for another kind of arm.

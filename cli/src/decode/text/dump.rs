@@ -181,7 +181,7 @@ pub(super) struct Dump {
     /// The bytes of the last line.
     last: Vec<u8>,
     /// The last line is not passed on yet: its end may be padding.
-    is_held: bool,
+    is_delayed: bool,
     /// The length of its longest word, in bytes.
     word: usize,
     is_repeated: bool,
@@ -196,7 +196,7 @@ impl Dump {
             bases: Vec::new(),
             offsets: Vec::new(),
             last: Vec::new(),
-            is_held: false,
+            is_delayed: false,
             word: 0,
             is_repeated: false,
         }
@@ -294,15 +294,15 @@ impl Dump {
             Err(reason) => doubt(number, text, Doubt::new("no bytes in hexadecimal", reason)),
         }
         self.word = row.widest() / 2;
-        self.is_held = order == Order::Little && self.word > 1;
-        if !self.is_held {
+        self.is_delayed = order == Order::Little && self.word > 1;
+        if !self.is_delayed {
             take(&self.last);
         }
         Ok(())
     }
 
     fn pass_last(&mut self, take: &mut dyn FnMut(&[u8])) {
-        if std::mem::take(&mut self.is_held) {
+        if std::mem::take(&mut self.is_delayed) {
             take(&self.last);
         }
     }
@@ -330,7 +330,7 @@ impl Dump {
             .collect();
         let is_padding = |gap: i64| {
             let padding = gap.unsigned_abs() as usize;
-            let is_possible = self.is_held && is_end && gap < 0 && padding < self.word && padding < self.last.len();
+            let is_possible = self.is_delayed && is_end && gap < 0 && padding < self.word && padding < self.last.len();
             is_possible && self.last.iter().rev().take(padding).all(|&byte| byte == 0)
         };
         let is_repeat = |gap: i64| self.is_repeated && gap >= 0 && (gap as u64).is_multiple_of(len.max(1));
@@ -346,18 +346,18 @@ impl Dump {
         let is_restart = !is_end && gaps.iter().all(|(_, offset, _)| *offset == 0);
         let doubt = match fitting.first() {
             Some(&(_, _, gap)) => {
-                self.pass_held(gap, take);
+                self.pass_delayed(gap, take);
                 match self.is_repeated && gap > 0 {
                     true => self.repeat(gap as u64, take),
                     false => None,
                 }
             }
             None if is_restart => {
-                self.pass_held(0, take);
+                self.pass_delayed(0, take);
                 None
             }
             None => {
-                self.pass_held(0, take);
+                self.pass_delayed(0, take);
                 let expected: Vec<_> = self.offsets.iter().map(|before| before.wrapping_add(len)).collect();
                 let reason = misfit(text, &self.bases, &expected);
                 Some(Doubt::new("offsets that do not fit", reason))
@@ -375,7 +375,7 @@ impl Dump {
     }
 
     /// Passes on the last line, without padding at its end.
-    fn pass_held(&mut self, gap: i64, take: &mut dyn FnMut(&[u8])) {
+    fn pass_delayed(&mut self, gap: i64, take: &mut dyn FnMut(&[u8])) {
         if gap < 0 {
             self.last
                 .truncate(self.last.len().saturating_sub(gap.unsigned_abs() as usize));

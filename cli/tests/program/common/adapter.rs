@@ -12,7 +12,7 @@ use armwire::ling::{Ling, MAX_FRAME};
 use armwire_bridge::can::{Frame, Function, Node};
 use armwire_bridge::config::Config as AdapterConfig;
 use armwire_bridge::control::{
-    self, FromAdapter, FromHost, Identity, LineHolder, LineState, MAX_MESSAGE, Reply, Request,
+    self, FromAdapter, FromHost, Identity, LineReservation, LineState, MAX_MESSAGE, Reply, Request,
 };
 use armwire_bridge::isotp::{Config, Endpoint, Event, Link, RefusedPdu};
 use armwire_bridge::slcan::Status;
@@ -37,8 +37,8 @@ pub(crate) struct CanBus {
     pub(crate) path: String,
     /// Every frame that a program sent.
     pub(crate) sent: Arc<Mutex<Vec<Frame>>>,
-    /// True if a host on USB holds the line at 9600 baud. Otherwise the adapter does not support the request.
-    pub(crate) is_held: Arc<AtomicBool>,
+    /// True if the line is reserved at 9600 baud. Otherwise the adapter does not support the request.
+    pub(crate) is_reserved: Arc<AtomicBool>,
     /// A file that exists while the adapter is in its boot loader, where it answers nothing.
     pub(crate) boot_loader: PathBuf,
 }
@@ -72,16 +72,16 @@ impl CanBus {
         let node = Node::new(node).unwrap();
         let pty = Pty::open(None).unwrap();
         let path = pty.path().to_str().unwrap().to_owned();
-        let (stop, sent, is_held) = (Arc::default(), Arc::default(), Arc::default());
-        let (stopped, log, held) = (Arc::clone(&stop), Arc::clone(&sent), Arc::clone(&is_held));
-        let adapter = Adapter::new(node, board, held, boot_loader.clone());
+        let (stop, sent, is_reserved) = (Arc::default(), Arc::default(), Arc::default());
+        let (stopped, log, reserved) = (Arc::clone(&stop), Arc::clone(&sent), Arc::clone(&is_reserved));
+        let adapter = Adapter::new(node, board, reserved, boot_loader.clone());
         let thread = Some(thread::spawn(move || serve(&pty, bit_rate, adapter, &stopped, &log)));
         Self {
             stop,
             thread,
             path,
             sent,
-            is_held,
+            is_reserved,
             boot_loader,
         }
     }
@@ -135,12 +135,12 @@ struct Adapter {
     control: Endpoint<MAX_MESSAGE, MAX_MESSAGE>,
     config: AdapterConfig,
     board: String,
-    is_held: Arc<AtomicBool>,
+    is_reserved: Arc<AtomicBool>,
     boot_loader: PathBuf,
 }
 
 impl Adapter {
-    fn new(node: Node, board: &str, is_held: Arc<AtomicBool>, boot_loader: PathBuf) -> Self {
+    fn new(node: Node, board: &str, is_reserved: Arc<AtomicBool>, boot_loader: PathBuf) -> Self {
         let mut config = AdapterConfig::default();
         config.can.node = node;
         Self {
@@ -150,7 +150,7 @@ impl Adapter {
             control: Endpoint::new(Config::new(Link::Classic, Function::ControlAnswer.id(node))),
             config,
             board: board.to_owned(),
-            is_held,
+            is_reserved,
             boot_loader,
         }
     }
@@ -176,9 +176,9 @@ impl Adapter {
 
     /// The frames that the adapter sends now.
     fn transmit(&mut self, now: time::Instant) -> Vec<Frame> {
-        let is_held = self.is_held.load(Ordering::Relaxed);
+        let is_reserved = self.is_reserved.load(Ordering::Relaxed);
         if let Some(request) = self.to_arm.received() {
-            for &byte in request.iter().filter(|_| !is_held) {
+            for &byte in request.iter().filter(|_| !is_reserved) {
                 self.arm.receive(now, byte);
             }
             self.to_arm.release();
@@ -218,12 +218,12 @@ impl Adapter {
                 ..Identity::default()
             }),
             Request::GetConfig => Reply::Config(self.config),
-            Request::GetLine if self.is_held.load(Ordering::Relaxed) => Reply::Line(LineState {
+            Request::GetLine if self.is_reserved.load(Ordering::Relaxed) => Reply::Line(LineState {
                 coding: LineCoding {
                     baud: 9_600,
                     ..LineCoding::LING
                 },
-                holder: LineHolder::OtherRate,
+                reservation: LineReservation::OtherRate,
                 ..LineState::default()
             }),
             Request::RestartIntoBootLoader => {

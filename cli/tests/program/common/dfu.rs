@@ -64,13 +64,13 @@ fn tools_with(name: &str, commands: &str, boot_loader: &Path, exit: i32) -> Path
 }
 
 /// A `dfu-util` like that of [`tools`], each call of which waits until the test releases it.
-pub(crate) struct HeldDfuUtil {
+pub(crate) struct WaitingDfuUtil {
     /// Carries the arguments to the test, and a line to the script. It hangs up with this value, which ends the script.
     pty: Pty,
     pub(crate) folder: PathBuf,
 }
 
-impl HeldDfuUtil {
+impl WaitingDfuUtil {
     pub(crate) fn new(name: &str, boot_loader: &Path, exit: i32) -> Self {
         let pty = Pty::open(None).unwrap();
         let commands = format!(
@@ -100,7 +100,7 @@ impl HeldDfuUtil {
     }
 }
 
-impl Drop for HeldDfuUtil {
+impl Drop for WaitingDfuUtil {
     fn drop(&mut self) {
         let _ = fs::remove_dir_all(&self.folder);
     }

@@ -158,8 +158,8 @@ impl CanLine {
         match bus.lock().inboxes.entry(rx) {
             Entry::Vacant(inbox) => inbox.insert(VecDeque::new()),
             Entry::Occupied(_) => {
-                let (name, holder) = (name.into(), "this program, which opened it before".into());
-                return Err(Error::InUse { name, holder });
+                let (name, user) = (name.into(), "this program, which opened it before".into());
+                return Err(Error::InUse { name, user });
             }
         };
         // Every adapter accepts classic frames. Adapters without CAN FD accept no others.

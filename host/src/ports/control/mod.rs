@@ -1,6 +1,6 @@
 //! An adapter's control port: requests and events, over USB, CAN or a port of its own.
 
-mod hold;
+mod reservation;
 pub(crate) mod usb;
 
 use std::collections::VecDeque;
@@ -20,7 +20,7 @@ use crate::ports::line::Line;
 use crate::time::stopwatch::after;
 
 pub use crate::error::usb_fault::{UsbFault, VENDOR_AND_PRODUCT};
-pub use hold::Hold;
+pub use reservation::ReservedLine;
 pub use usb::usb_serial_number;
 
 /// Timeout of an adapter's reply: it may write its flash first, or wait for a silent arm.
@@ -246,10 +246,10 @@ fn describe(failure: Failure) -> Text {
         Failure::Flash => "not saved: the write to the adapter's flash failed".to_owned(),
         Failure::Busy => "the adapter is busy with an earlier request: try again".to_owned(),
         Failure::StreamArmed => "refused while a host streams motion: stop it and try again".to_owned(),
-        Failure::LineHeld => {
-            let reason = "the host on USB holds the line to the arm: close the program on the adapter's serial port, or end \
-                          its hold";
-            return Text::from(reason).remedy(Remedy::EndHold);
+        Failure::LineReserved => {
+            let reason = "the line to the arm is reserved for USB: close the program on the adapter's serial port, or end \
+                          its reservation";
+            return Text::from(reason).remedy(Remedy::EndReservation);
         }
         Failure::TooManySaves { wait_s } => {
             format!("not saved: the budget of saves, which limits flash wear, is used up; next save in {wait_s} s")

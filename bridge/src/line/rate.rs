@@ -1,19 +1,19 @@
-//! Changes of the line's rate, and exclusive use of the line by the host on USB.
+//! Changes of the line's rate.
 
 use armwire::time::Instant;
 
-use crate::control::{Failure, Initiator, LineState, Refusal};
+use crate::control::{Initiator, Refusal};
 use crate::counters::count;
 use crate::line_coding::UartConfig;
 
 use super::Line;
-use super::guard::{ControlPort, LineRate};
+use super::guard::LineRate;
 
 impl Line {
-    /// Changes the line's rate or its holder. `change` gets the number of queued bytes of the host on USB.
+    /// Changes the line's rate or its reservation. `change` gets the number of queued bytes of the host on USB.
     pub(super) fn change_rate<R>(&mut self, now: Instant, change: impl FnOnce(&mut LineRate, usize) -> R) -> R {
         let result = change(&mut self.guard.rate, self.outbox.queued());
-        self.follow_holder(now);
+        self.follow_reservation(now);
         result
     }
 
@@ -46,47 +46,16 @@ impl Line {
         if self.guard.rate.revoke() {
             let dropped = self.outbox.drop_host();
             count(&mut self.journal.counters.refused_rate_bytes, dropped);
-            self.follow_holder(now);
+            self.follow_reservation(now);
         }
     }
 
-    /// A host on the control port requests exclusive use of the line for USB.
-    pub(crate) fn hold_line(&mut self, port: ControlPort, now: Instant) -> Result<(), Failure> {
-        if self.outbox.is_torque_off_due() || self.guard.dead_man.is_any_streaming() {
-            return Err(Failure::StreamArmed);
-        }
-        // The gate would withhold or drop bytes of an upload.
-        let is_held = !self.guard.stop.refuses_motion() && self.change_rate(now, |rate, _| rate.hold(port, now));
-        is_held.then_some(()).ok_or(Failure::Busy)
-    }
-
-    /// A host on the control port releases the line.
-    pub(crate) fn release_line(&mut self, port: ControlPort, now: Instant) {
-        self.change_rate(now, |rate, _| rate.unhold(port));
-    }
-
-    /// Applies a change of the holder of the line, if there is one.
-    // Not inlined: it has many callers.
-    #[inline(never)]
-    pub(super) fn follow_holder(&mut self, now: Instant) {
-        if let Some(is_held) = self.guard.changed_holder(self.outbox.queued()) {
-            #[cfg(feature = "defmt")]
-            crate::log::holder(self.state().holder);
-            self.outbox.hold(self.kind, is_held, now, &mut self.journal);
-        }
-    }
-
-    /// The state of the line for [`Reply::Line`](crate::control::Reply::Line).
-    pub(crate) fn state(&self) -> LineState {
-        self.guard.rate.state(self.outbox.queued())
-    }
-
-    /// The time of the next change of the line's rate, or of the end of a hold.
+    /// The time of the next change of the line's rate, or of the end of a requested reservation.
     pub(super) fn rate_timeout(&self) -> Option<Instant> {
         self.guard.rate.timeout(self.may_change_rate())
     }
 
-    /// Changes the line's rate, or ends a hold.
+    /// Changes the line's rate, or ends a requested reservation.
     #[cold]
     pub(super) fn tick_rate(&mut self, now: Instant) {
         let may_change = self.may_change_rate();

@@ -1,4 +1,4 @@
-//! Hosts on CAN that the adapter holds back: their motion finds no room while another's request waits for its answer.
+//! Hosts on CAN that the adapter delays: their motion finds no room while another's request waits for its answer.
 
 extern crate std;
 
@@ -105,7 +105,7 @@ fn assert_silent(rig: &Rig, last: u64, after_ms: u16) {
 }
 
 #[test]
-fn held_back_can_stream_is_not_silent() {
+fn delayed_can_stream_is_not_silent() {
     const MILLISECOND: u64 = 1_000;
     let polls = |hertz| Poll::Hertz(hertz);
     // The timeout, the period of the motion, the self-check's answer, the polls, and whether they are answered.

@@ -1,51 +1,52 @@
-//! The hold of the line between an adapter and its arm.
+//! The reservation of the line between an adapter and its arm.
 
 use std::fmt;
 use std::time::{Duration, Instant};
 
-use armwire_bridge::control::{HOLD_LEASE_MS, Request};
+use armwire_bridge::control::{RESERVATION_MS, Request};
 
 use crate::error::Error;
 use crate::ports::control::Adapter;
 
-/// Period of the renewals: a fraction of the lease.
-const RENEWAL_PERIOD: Duration = Duration::from_millis(HOLD_LEASE_MS as u64 / 5);
+/// Period of the renewals: a fraction of a reservation.
+const RENEWAL_PERIOD: Duration = Duration::from_millis(RESERVATION_MS as u64 / 5);
 
-/// The line of an adapter, held for the host on USB: no polls, no CAN, no torque-off. Its drop releases the line.
+/// The line of an adapter, reserved for the host on USB: no polls, no CAN, no torque-off. Its drop releases the line.
 #[must_use = "its drop releases the line"]
-pub struct Hold<'a> {
+pub struct ReservedLine<'a> {
     adapter: &'a mut Adapter,
     renewed: Instant,
     /// True until the release is sent.
-    is_held: bool,
+    is_reserved: bool,
 }
 
 impl Adapter {
-    /// Holds the line to the arm for the host on USB, for [`HOLD_LEASE_MS`] milliseconds: see [`Request::HoldLine`].
+    /// Reserves the line to the arm for the host on USB for [`RESERVATION_MS`] milliseconds: see
+    /// [`Request::ReserveLine`].
     ///
     /// # Errors
     ///
-    /// [`Error::Refused`] while a host streams motion, or holds the line on the other control port. Otherwise as of
-    /// [`call`](Self::call): a hold without a reply ends with its lease.
-    pub fn hold_line(&mut self) -> Result<Hold<'_>, Error> {
-        self.call(Request::HoldLine)?;
-        Ok(Hold {
+    /// [`Error::Refused`] while a host streams motion, or has reserved the line on the other control port. Otherwise
+    /// as of [`call`](Self::call): a reservation without a reply ends after its time.
+    pub fn reserve_line(&mut self) -> Result<ReservedLine<'_>, Error> {
+        self.call(Request::ReserveLine)?;
+        Ok(ReservedLine {
             adapter: self,
             renewed: Instant::now(),
-            is_held: true,
+            is_reserved: true,
         })
     }
 }
 
-impl Hold<'_> {
-    /// Renews the lease if a fifth of it has passed. Call it at least every second.
+impl ReservedLine<'_> {
+    /// Renews the reservation if a fifth of it has passed. Call it at least every second.
     ///
     /// # Errors
     ///
-    /// As of [`Adapter::hold_line`]: the line may not be held any more.
-    pub fn keep(&mut self) -> Result<(), Error> {
+    /// As of [`Adapter::reserve_line`]: the line may not be reserved any more.
+    pub fn renew(&mut self) -> Result<(), Error> {
         if self.renewed.elapsed() >= RENEWAL_PERIOD {
-            self.adapter.call(Request::HoldLine)?;
+            self.adapter.call(Request::ReserveLine)?;
             self.renewed = Instant::now();
         }
         Ok(())
@@ -55,25 +56,25 @@ impl Hold<'_> {
     ///
     /// # Errors
     ///
-    /// As of [`Adapter::call`]: the line is held until the end of the lease.
+    /// As of [`Adapter::call`]: the line is reserved until the end of the reservation.
     pub fn release(mut self) -> Result<(), Error> {
-        self.is_held = false;
+        self.is_reserved = false;
         self.adapter.call(Request::ReleaseLine).map(drop)
     }
 }
 
-impl Drop for Hold<'_> {
+impl Drop for ReservedLine<'_> {
     fn drop(&mut self) {
-        if self.is_held {
-            // An error has no recipient, and the lease ends the hold.
+        if self.is_reserved {
+            // An error has no recipient, and the reservation ends after its time.
             let _ = self.adapter.call(Request::ReleaseLine);
         }
     }
 }
 
-impl fmt::Debug for Hold<'_> {
+impl fmt::Debug for ReservedLine<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Hold")
+        f.debug_struct("ReservedLine")
             .field("adapter", &self.adapter)
             .finish_non_exhaustive()
     }
@@ -117,17 +118,17 @@ mod tests {
 
     #[test]
     fn line_is_released_once() {
-        let ends: [fn(Hold<'_>); 2] = [|hold| drop(hold), |hold| hold.release().unwrap()];
+        let ends: [fn(ReservedLine<'_>); 2] = [|line| drop(line), |line| line.release().unwrap()];
         for end in ends {
             let requests = Arc::default();
             let mut adapter = Adapter::new(Box::new(Obedient {
                 requests: Arc::clone(&requests),
                 sequence: 0,
             }));
-            let mut hold = adapter.hold_line().unwrap();
-            hold.keep().unwrap();
-            end(hold);
-            assert_eq!(*requests.lock().unwrap(), [Request::HoldLine, Request::ReleaseLine]);
+            let mut line = adapter.reserve_line().unwrap();
+            line.renew().unwrap();
+            end(line);
+            assert_eq!(*requests.lock().unwrap(), [Request::ReserveLine, Request::ReleaseLine]);
         }
     }
 }

@@ -1,4 +1,4 @@
-//! `armwire hold`: gives the line between an adapter and its arm to the host on USB alone.
+//! `armwire reserve`: reserves the line between an adapter and its arm for the host on USB.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
@@ -13,25 +13,25 @@ use crate::output::print_line;
 /// Period of the checks for Ctrl-C.
 const POLL_PERIOD: Duration = Duration::from_millis(50);
 
-/// The arguments of `armwire hold`.
+/// The arguments of `armwire reserve`.
 #[derive(Args)]
-pub(crate) struct Hold {
+pub(crate) struct Reserve {
     #[command(flatten)]
     adapter: AdapterPort,
 }
 
-impl Hold {
+impl Reserve {
     pub(crate) fn run(&self, stop: &AtomicBool) -> Result<(), Error> {
         let mut control = self.adapter.open()?;
         let name = control.name().to_owned();
-        let mut hold = control.hold_line()?;
+        let mut line = control.reserve_line()?;
         let report = |what: &str| print_line(format_args!("{name}: {what}"));
-        report("the line is held for USB: no polls, no CAN, no torque-off; Ctrl-C releases it")?;
+        report("the line is reserved for USB: no polls, no CAN, no torque-off; Ctrl-C releases it")?;
         while !stop.load(Ordering::Relaxed) {
-            hold.keep()?;
+            line.renew()?;
             thread::sleep(POLL_PERIOD);
         }
-        hold.release()?;
+        line.release()?;
         report("the line is released")
     }
 }

@@ -1,4 +1,4 @@
-//! A host on CAN that streams motion while the adapter holds it back: the arm owes an answer to another host.
+//! A host on CAN that streams motion while the adapter delays it: the arm owes an answer to another host.
 
 use armwire::ling::{Frame, Request, Torque};
 use armwire_bridge::Duration;
