@@ -7,12 +7,7 @@ use core::cell::RefCell;
 
 use crate::board::hal::interrupt::Priority;
 
-pub(crate) use crate::board::mask;
-
-/// The priority of the handlers of USB, the timer and CAN. Those of the UART and its DMA have a higher one.
-pub(crate) const DRIVERS: Priority = Priority::P1;
-/// The priority of the [service](crate::service), the lowest.
-pub(crate) const SERVICE: Priority = Priority::P2;
+pub(crate) use crate::board::{DRIVERS, SERVICE, mask};
 
 /// State of tasks and of handlers up to a priority.
 pub(crate) struct Ceiling<T> {

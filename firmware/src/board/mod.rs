@@ -1,13 +1,13 @@
 //! The board: chip, pins and clocks are known only here.
 //!
 //! A cargo feature selects the chip: `board-stm32f405`, `board-stm32g431` or `board-rp2040`. At build time the
-//! environment variable ARMWIRE_BOARD selects one of the boards with that chip, whose differences are data: [`THIS`].
+//! environment variable ARMWIRE_BOARD selects one of the boards with that chip, whose differences are data: `this.rs`.
 //! `docs/porting.md` describes how to add a chip, and `docs/boards.md` lists the boards. Each chip provides the same
 //! items:
 //!
 //! | Item | Meaning |
 //! |---|---|
-//! | `CHIP`, `CAN_FD` | the chip, and true for CAN FD |
+//! | `CAN_FD` | true for CAN FD |
 //! | `take_reset()` | reads the cause of the last reset, once |
 //! | `init()` | holds the line to the arm high, starts the clocks, takes the pins and makes a `Board` of them |
 //! | `Board`, `Watchdog`, `Led` | the peripherals of the firmware |
@@ -28,20 +28,26 @@
 //! | `FlashError`, `is_supply_low()` | the error of a failed write, and true if the supply voltage was too low |
 //! | `enter_boot_loader()` | starts the boot loader in the chip's ROM |
 
+mod chip_reset;
 #[cfg(feature = "board-rp2040")]
 mod rp2040;
 #[cfg(feature = "stm32")]
 mod stm32;
+mod this;
 mod timers;
+mod urgency;
 mod usb_control;
 mod usb_driver;
+mod usb_stage;
 
-use armwire_boards::Board as Data;
-
+pub(crate) use chip_reset::ChipReset;
 #[cfg(feature = "board-rp2040")]
 pub(crate) use rp2040::*;
 #[cfg(feature = "stm32")]
 pub(crate) use stm32::*;
+pub(crate) use this::{HAS_CAN, NAME};
+pub(crate) use timers::TimerHandler;
+pub(crate) use urgency::{DRIVERS, SERVICE};
 pub(crate) use usb_driver::UsbDriver;
 
 #[cfg(not(any(feature = "board-rp2040", feature = "board-stm32f405", feature = "board-stm32g431")))]
@@ -51,36 +57,3 @@ compile_error!("no board: enable `board-rp2040`, `board-stm32f405` or `board-stm
     all(feature = "board-rp2040", feature = "stm32")
 ))]
 compile_error!("two boards: all but `board-stm32f405` need `--no-default-features`");
-
-/// This board's data.
-const THIS: &Data = match Data::find(match option_env!("ARMWIRE_BOARD") {
-    Some(name) => name,
-    None => CHIP.board(),
-}) {
-    Some(board) => board,
-    None => panic!("ARMWIRE_BOARD is no board of armwire-boards"),
-};
-
-const _: () = assert!(THIS.chip as u8 == CHIP as u8, "ARMWIRE_BOARD has another chip");
-
-/// True if the board has CAN.
-pub(crate) const HAS_CAN: bool = THIS.can.is_some();
-
-const _: () = assert!(
-    HAS_CAN == cfg!(feature = "can"),
-    "the feature `can` is that of boards with CAN"
-);
-
-/// The board's name.
-pub(crate) const NAME: &str = THIS.name;
-
-/// The cause of a reset, by the chip's flags.
-#[derive(Clone, Copy)]
-pub(crate) enum ChipReset {
-    /// The supply was switched on, or was too low.
-    PowerOn,
-    /// The watchdog.
-    Watchdog,
-    /// The firmware, the reset pin or a debugger.
-    Other,
-}

@@ -5,8 +5,10 @@ use core::task::Waker;
 use embassy_time_driver::Driver;
 use embassy_time_queue_utils::Queue;
 
-use super::time;
+use super::hal::interrupt::typelevel::Handler;
+use super::{TimerInterrupt, time};
 use crate::ceiling::{Ceiling, DRIVERS};
+use crate::pend::pend;
 
 struct Clock(Ceiling<Timers>);
 
@@ -21,9 +23,17 @@ embassy_time_driver::time_driver_impl!(static CLOCK: Clock = Clock(
     Ceiling::new(DRIVERS, Timers { queue: Queue::new(), alarm: u64::MAX })
 ));
 
-/// Wakes expired timers. The interrupt handler of the alarm calls this.
-pub(super) fn wake_expired() {
-    CLOCK.0.with(Timers::arm);
+/// Wakes expired timers.
+pub(crate) struct TimerHandler;
+
+impl Handler<TimerInterrupt> for TimerHandler {
+    unsafe fn on_interrupt() {
+        if time::take_alarm() {
+            // Usually the timeout of the bridge, and a poll is due.
+            pend();
+            CLOCK.0.with(Timers::arm);
+        }
+    }
 }
 
 impl Driver for Clock {

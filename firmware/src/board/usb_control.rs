@@ -5,37 +5,19 @@
 
 use core::future::{Future, poll_fn};
 use core::pin::pin;
-use core::sync::atomic::{AtomicBool, Ordering};
+use core::sync::atomic::Ordering;
 use core::task::Poll;
 
-use embassy_sync::waitqueue::AtomicWaker;
 use embassy_usb::driver::{self, EndpointError};
 
 use super::usb::{HalControlPipe, data_in, is_over, poll_request, withdraw_answer};
-
-/// A SETUP packet arrived since the last request was taken.
-pub(super) static SETUP_ARRIVED: AtomicBool = AtomicBool::new(false);
-
-/// The task that waits for the end of a stage.
-static WAITING: AtomicWaker = AtomicWaker::new();
-
-/// Wakes the task that waits for a stage. The interrupt handler calls this.
-pub(super) fn wake_stage() {
-    WAITING.wake();
-}
-
-/// Wakes the task that waits for a stage, if the host has ended the request. The interrupt handler calls this.
-pub(super) fn wake_if_over() {
-    if is_over() {
-        wake_stage();
-    }
-}
+use super::usb_stage::{SETUP_ARRIVED, wait_for_stage};
 
 /// Waits for the end of a stage of a request. `None` once the host has ended the request.
 async fn unless_over<R>(stage: impl Future<Output = R>) -> Option<R> {
     let mut stage = pin!(stage);
     poll_fn(|cx| {
-        WAITING.register(cx.waker());
+        wait_for_stage(cx.waker());
         // An answer that is armed just as the host begins another request is withdrawn before the host fetches it. The
         // host needs 5 µs, and an interrupt handler in between may take as long.
         critical_section::with(|_| {

@@ -1,27 +1,10 @@
 //! The driver of the USB peripheral: the HAL's, extended for hosts that clear a halt or repeat SET_CONFIGURATION.
 //! [`usb_control`](super::usb_control) handles hosts that abandon a request. The registers are in the chip's [`usb`].
 
-use embassy_time::{Duration, Instant};
 use embassy_usb::driver::{self, EndpointAddress, EndpointAllocError, EndpointType, Event, Unsupported};
 
 use super::usb::{self, ENDPOINTS, Hal, HalBus, In, Out};
 use super::usb_control::ControlPipe;
-
-/// The duration of a 64-byte packet and its handshake on the wire, with a margin.
-const PACKET_TIME: Duration = Duration::from_micros(60);
-
-/// Waits for a condition that is met when a packet on the wire has ended. Returns false if that takes too long.
-pub(super) fn soon(has_come: impl Fn() -> bool) -> bool {
-    let start = Instant::now();
-    loop {
-        if has_come() {
-            return true;
-        }
-        if start.elapsed() > PACKET_TIME {
-            return false;
-        }
-    }
-}
 
 /// The driver.
 pub(crate) struct UsbDriver(pub(super) Hal);

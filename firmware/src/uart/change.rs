@@ -5,8 +5,8 @@ use embassy_time::Timer;
 
 use super::chip::{self, Dma, Uart};
 use super::receive::Receiver;
+use super::state::wake;
 use super::transmit::CHANGE;
-use super::wake;
 use crate::adapter::Adapter;
 use crate::board::usart;
 use crate::ceiling::{SERVICE, mask};

@@ -6,7 +6,7 @@ use armwire_bridge::{Bridge, Duration, Instant, LineCoding, RxRing, RxWait, Uart
 use portable_atomic::Ordering;
 
 use super::chip::{self, Dma, Transfer, tail};
-use super::{ERRORS, RING_OVERRUN, WORD, with_ring, word_at};
+use super::state::{ERRORS, RING_OVERRUN, WORD, with_ring, word_at};
 use crate::clock::now;
 
 /// Maximum number of bytes that are passed to the bridge at once.

@@ -8,17 +8,21 @@
 //! The UART has no interrupt for an idle line while the DMA empties its FIFO. An alarm compares the last stamp with the
 //! clock. Inside a frame, whose end is known, and above 1 Mbaud it looks for bytes, too: the byte interrupt is off.
 
+mod burst;
+
 use core::marker::PhantomData;
 use core::sync::atomic::{AtomicBool, AtomicU32, AtomicUsize, Ordering};
 
 use armwire_bridge::{Duration, Instant, LineCoding, RxRing};
 
-use super::{BYTES, ERRORS, RING_OVERRUN, SIZE, byte_at, wake, with_ring};
+use super::state::{BYTES, ERRORS, RING_OVERRUN, SIZE, byte_at, wake, with_ring};
 use crate::board::hal::interrupt::typelevel::Handler;
 use crate::board::usart;
 use crate::board::{IdleInterrupt, RxInterrupt, UartInterrupt, clear_idle_alarm, has_passed, set_idle_alarm};
 use crate::ceiling::{SERVICE, mask};
 use crate::clock::now;
+
+pub(crate) use burst::BurstHandler;
 
 /// The UART, for its line coding.
 pub(crate) struct Uart;
@@ -227,9 +231,4 @@ impl Handler<UartInterrupt> for InterruptHandler {
             ERRORS.borrow(cs).set(Some(errors));
         });
     }
-}
-
-/// The last byte of a burst is on the line, or was sent on one wire.
-pub(crate) fn burst_ended() {
-    super::transmission_complete();
 }

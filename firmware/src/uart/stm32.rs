@@ -13,6 +13,7 @@
 //! delay it: it preempts all of them.
 
 mod byte_interrupt;
+mod tail;
 
 use core::cell::Cell;
 
@@ -24,12 +25,14 @@ use embassy_stm32::mode::Blocking;
 use embassy_stm32::usart::{self as hal, UartRx};
 use portable_atomic::Ordering;
 
-use super::{BYTES, ERRORS, RING_OVERRUN, SIZE, byte_at, transmission_complete, wake, with_ring};
+use super::state::{BYTES, ERRORS, RING_OVERRUN, SIZE, byte_at, wake, with_ring};
+use super::transmit::transmission_complete;
 use crate::board::usart::{self, Status};
 use crate::board::{RX_REQUEST, RxInterrupt, UartInterrupt};
 use crate::clock::now;
 
 pub(crate) use byte_interrupt::SleepHandler;
+pub(super) use tail::tail;
 
 /// The HAL's driver, for the line coding.
 pub(crate) type Uart = UartRx<'static, Blocking>;
@@ -223,8 +226,3 @@ impl Handler<RxInterrupt> for RingHandler {
 
 /// Bytes that may arrive before the handler runs.
 const MARGIN: usize = 16;
-
-/// The DMA's next write position in the ring.
-pub(super) fn tail() -> usize {
-    (SIZE - usart::rx_remaining()) % SIZE
-}

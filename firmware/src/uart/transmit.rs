@@ -130,8 +130,16 @@ fn dma_ended() {
     }
 }
 
+/// The last bit of a burst was sent, or as much of it as the next burst waits for.
+#[cold]
+pub(super) fn transmission_complete() {
+    usart::set_receiver(true);
+    usart::set_transmitted_interrupt(false);
+    sent();
+}
+
 /// The UART is ready for the next burst.
-pub(super) fn sent() {
+fn sent() {
     SENDING.store(false, Ordering::Relaxed);
     pend();
 }

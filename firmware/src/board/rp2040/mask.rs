@@ -8,7 +8,7 @@ use embassy_rp::interrupt::Priority;
 use embassy_rp::interrupt::typelevel::Interrupt as _;
 
 use super::{LESS_URGENT, ServiceInterrupt};
-use crate::ceiling::DRIVERS;
+use crate::board::urgency::DRIVERS;
 
 /// Handlers wait until this is dropped. It must not be held across an `await`.
 #[must_use]

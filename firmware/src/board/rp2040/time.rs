@@ -6,14 +6,10 @@
 use core::sync::atomic::{AtomicBool, Ordering};
 
 use armwire_bridge::Instant;
-use embassy_rp::interrupt::typelevel::{Handler, Interrupt, TIMER_IRQ_0, TIMER_IRQ_1};
+use embassy_rp::interrupt::typelevel::Interrupt;
 use embassy_rp::pac::TIMER;
 
-use super::{IdleInterrupt, uart};
-use crate::board::timers;
-use crate::clock::now;
-use crate::pend::pend;
-use crate::uart::burst_ended;
+use super::{BurstInterrupt, IdleInterrupt, TimerInterrupt};
 
 /// The alarms: the next timer, the start and end of a burst, and an idle line.
 const NEXT: usize = 0;
@@ -34,7 +30,7 @@ pub(super) fn start() {
         }
     });
     // SAFETY: the handler uses only initialised state.
-    unsafe { TIMER_IRQ_0::enable() };
+    unsafe { TimerInterrupt::enable() };
 }
 
 /// Starts the transmit DMA at `at`, or at once if that has passed.
@@ -42,13 +38,21 @@ pub(super) fn start() {
 /// The interrupt handler starts it: no task would be as punctual.
 pub(crate) fn transmit_at(at: Instant) {
     IS_WAITING.store(true, Ordering::Relaxed);
-    set_alarm::<TIMER_IRQ_1>(BURST, at.as_micros() as u32);
+    set_alarm::<BurstInterrupt>(BURST, at.as_micros() as u32);
 }
 
 /// Looks for the end of a burst at `at`.
-pub(super) fn set_end_alarm(at: Instant) {
+pub(crate) fn set_end_alarm(at: Instant) {
     IS_WAITING.store(false, Ordering::Relaxed);
-    set_alarm::<TIMER_IRQ_1>(BURST, at.as_micros() as u32);
+    set_alarm::<BurstInterrupt>(BURST, at.as_micros() as u32);
+}
+
+/// Clears the interrupt of the alarm of a burst. Returns true if it was that of its start.
+pub(crate) fn take_burst_alarm() -> bool {
+    TIMER.intr().write(|w| w.set_alarm(BURST, true));
+    let is_start = IS_WAITING.load(Ordering::Relaxed);
+    IS_WAITING.store(false, Ordering::Relaxed);
+    is_start
 }
 
 /// Looks for an idle line at `at`, the lower half of a time.
@@ -95,32 +99,8 @@ pub(in crate::board) fn set_next_alarm(now: u64, at: u64) -> bool {
     micros() < at
 }
 
-/// Wakes expired timers.
-pub(crate) struct TimerHandler;
-
-impl Handler<TIMER_IRQ_0> for TimerHandler {
-    unsafe fn on_interrupt() {
-        TIMER.intr().write(|w| w.set_alarm(NEXT, true));
-        // Usually the timeout of the bridge, and a poll is due.
-        pend();
-        timers::wake_expired();
-    }
-}
-
-/// Starts a burst, or ends it when its last byte has left the FIFO.
-pub(crate) struct BurstHandler;
-
-impl Handler<TIMER_IRQ_1> for BurstHandler {
-    unsafe fn on_interrupt() {
-        TIMER.intr().write(|w| w.set_alarm(BURST, true));
-        if IS_WAITING.load(Ordering::Relaxed) {
-            IS_WAITING.store(false, Ordering::Relaxed);
-            uart::set_transmit_requests(true);
-        } else if uart::is_waiting_for_end() {
-            match uart::has_burst_ended() {
-                true => burst_ended(),
-                false => set_end_alarm(now() + uart::line_time(1)),
-            }
-        }
-    }
+/// Clears the interrupt of the alarm. Returns true: a timer may have expired.
+pub(in crate::board) fn take_alarm() -> bool {
+    TIMER.intr().write(|w| w.set_alarm(NEXT, true));
+    true
 }

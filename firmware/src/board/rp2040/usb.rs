@@ -14,8 +14,7 @@ use embassy_usb::driver::{
     self, Bus as _, ControlPipe as _, Direction, EndpointAddress, EndpointError, EndpointInfo, Event,
 };
 
-use crate::board::usb_control::wake_if_over;
-use crate::board::usb_driver::soon;
+use crate::board::usb_stage::{soon, wake_stage};
 
 /// The HAL's driver and its parts.
 pub(in crate::board) type Hal = usb::Driver<'static, peripherals::USB>;
@@ -42,8 +41,8 @@ impl Handler<USBCTRL_IRQ> for SetupHandler {
     unsafe fn on_interrupt() {
         if is_over() {
             withdraw_answer();
+            wake_stage();
         }
-        wake_if_over();
     }
 }
 

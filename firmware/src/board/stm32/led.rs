@@ -3,7 +3,8 @@
 use armwire_boards::Led as Data;
 use embassy_stm32::pac::gpio::vals::Moder;
 
-use super::{THIS, enable_port, pin};
+use super::{enable_port, pin};
+use crate::board::this::THIS;
 
 const LED: Data = THIS.led;
 

@@ -9,14 +9,12 @@
 use core::sync::atomic::{AtomicU32, Ordering};
 
 use armwire_bridge::Instant;
-use embassy_stm32::interrupt::typelevel::{Handler, Interrupt};
+use embassy_stm32::interrupt::typelevel::Interrupt;
 use embassy_stm32::pac::timer::vals::Urs;
 use embassy_stm32::rcc;
 use embassy_time_driver::TICK_HZ;
 
 use super::{TIMER, TIMER_HZ, TimerInterrupt, TimerPeripheral, usart};
-use crate::board::timers;
-use crate::pend::pend;
 
 /// Number of counter bits below the half-turn.
 const HALF_TURN: u32 = 31;
@@ -118,28 +116,19 @@ pub(in crate::board) fn set_next_alarm(now: u64, at: u64) -> bool {
     !is_near || micros() < at
 }
 
-/// Counts half-turns and wakes expired timers.
-pub(crate) struct TimerHandler;
-
-impl Handler<TimerInterrupt> for TimerHandler {
-    unsafe fn on_interrupt() {
-        let flags = TIMER.sr().read();
-        // Writing 0 clears, writing 1 has no effect.
-        TIMER.sr().write(|w| w.0 = !flags.0);
-        let ended = u32::from(flags.uif()) + u32::from(flags.ccif(MIDDLE));
-        HALF_TURNS.store(
-            HALF_TURNS.load(Ordering::Relaxed).wrapping_add(ended),
-            Ordering::Release,
-        );
-        if flags.ccif(START) && TIMER.dier().read().ccie(START) {
-            start_transmitting();
-        }
-        if flags.ccif(ALARM) {
-            // Usually the timeout of the bridge, and a poll is due.
-            pend();
-        }
-        if flags.ccif(ALARM) || ended > 0 {
-            timers::wake_expired();
-        }
+/// Counts half-turns, and starts the UART if its time has come. Returns true if a timer may have expired. The interrupt
+/// handler calls this.
+pub(in crate::board) fn take_alarm() -> bool {
+    let flags = TIMER.sr().read();
+    // Writing 0 clears, writing 1 has no effect.
+    TIMER.sr().write(|w| w.0 = !flags.0);
+    let ended = u32::from(flags.uif()) + u32::from(flags.ccif(MIDDLE));
+    HALF_TURNS.store(
+        HALF_TURNS.load(Ordering::Relaxed).wrapping_add(ended),
+        Ordering::Release,
+    );
+    if flags.ccif(START) && TIMER.dier().read().ccie(START) {
+        start_transmitting();
     }
+    flags.ccif(ALARM) || ended > 0
 }

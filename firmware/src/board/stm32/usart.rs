@@ -7,33 +7,12 @@ use embassy_stm32::pac::gpio::vals::{Moder, Ot, Pupdr};
 
 use super::{TX_PIN, UART};
 
+pub(crate) use super::status::Status;
 pub(crate) use super::uart::{
     clear_errors, clear_sent, clear_transmitted, configure_byte_mode, is_byte_waiting, is_transmitted,
     keep_parity_error, must_keep_parity_errors, rx_data, rx_has_wrapped, rx_remaining, start_sending, stop_sending,
     take_status,
 };
-
-/// The UART's flags since the last read.
-#[derive(Clone, Copy, Default)]
-pub(crate) struct Status {
-    /// A byte without a stop bit.
-    pub(crate) framing: bool,
-    /// A byte with wrong parity.
-    pub(crate) parity: bool,
-    /// A byte with noise.
-    pub(crate) noise: bool,
-    /// A lost byte: the previous one had not been fetched.
-    pub(crate) overrun: bool,
-    /// An idle line after a byte.
-    pub(crate) idle: bool,
-}
-
-impl Status {
-    /// Returns true for any error.
-    pub(crate) fn is_error(&self) -> bool {
-        self.framing || self.parity || self.noise || self.overrun
-    }
-}
 
 /// Enables the receive DMA, and the interrupts for an idle line and errors.
 pub(crate) fn start_receiving() {

@@ -5,8 +5,8 @@ use armwire_bridge::LineCoding;
 use embassy_stm32::interrupt::typelevel::Handler;
 use portable_atomic::{AtomicBool, AtomicU32, Ordering};
 
-use super::super::{byte_at, wake, with_ring};
-use super::tail;
+use super::super::state::{byte_at, wake, with_ring};
+use super::tail::tail;
 use crate::board::{TimerInterrupt, take_byte_alarm, usart, wake_byte_interrupt_in};
 
 /// Time before the end of a frame from which the interrupt is on, in microseconds. The timer's interrupt handler is

@@ -11,7 +11,8 @@ use embassy_stm32::pac::can::vals::{Ide, Lec, Rtr};
 use embassy_stm32::peripherals::CAN1;
 use embassy_stm32::{Peri, rcc};
 
-use super::super::can::{ROOM, accepted_ids, bus_off, changed, error, overrun, received, take_pins};
+use super::super::can_controller::{ROOM, accepted_ids, bus_off, changed, error, overrun, received, take_pins};
+use super::waiting::Waiting;
 
 const CAN: pac::can::Can = pac::CAN1;
 
@@ -179,20 +180,6 @@ impl Handler<CAN1_RX0> for ReceiveHandler {
             fifo.write(|w| w.set_rfom(true));
             while fifo.read().rfom() {}
         }
-    }
-}
-
-/// A received frame in the queue: a classic one, a quarter of the size of an FD frame.
-pub(crate) struct Waiting {
-    id: Id,
-    len: usize,
-    data: [u8; 8],
-}
-
-impl Waiting {
-    pub(crate) fn into_frame(self) -> Option<Frame> {
-        // A DLC above 8 means 8 in a classic frame (ISO 11898-1).
-        Frame::new(self.id, &self.data[..self.len.min(8)]).ok()
     }
 }
 

@@ -7,7 +7,7 @@ use embassy_stm32::pac;
 use embassy_stm32::pac::dma::vals::Dir;
 use embassy_stm32::pac::usart::regs::Sr;
 
-use super::super::usart::Status;
+use super::super::status::Status;
 use super::{RX_STREAM, TX_REQUEST, TX_STREAM, UART, UartInterrupt};
 
 /// PE, FE, NF, ORE and IDLE of SR.

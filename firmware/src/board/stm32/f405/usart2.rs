@@ -1,19 +1,8 @@
 //! USART2 as the UART to the arm, and its streams of DMA1 (RM0090 table 42).
 
-use embassy_stm32::bind_interrupts;
-use embassy_stm32::dma;
 use embassy_stm32::interrupt::typelevel;
 use embassy_stm32::pac;
 use embassy_stm32::peripherals;
-
-use crate::uart::{InterruptHandler, RingHandler, SentHandler};
-
-bind_interrupts!(pub(super) struct UartIrqs {
-    USART2 => InterruptHandler;
-    // Ahead of the HAL's handler, which clears the flags.
-    DMA1_STREAM5 => RingHandler, dma::InterruptHandler<RxDma>;
-    DMA1_STREAM6 => SentHandler;
-});
 
 /// The registers.
 pub(crate) const UART: pac::usart::Usart = pac::USART2;

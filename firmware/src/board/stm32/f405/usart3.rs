@@ -1,19 +1,8 @@
 //! USART3 as the UART to the arm, and its streams of DMA1 (RM0090 table 42).
 
-use embassy_stm32::bind_interrupts;
-use embassy_stm32::dma;
 use embassy_stm32::interrupt::typelevel;
 use embassy_stm32::pac;
 use embassy_stm32::peripherals;
-
-use crate::uart::{InterruptHandler, RingHandler, SentHandler};
-
-bind_interrupts!(pub(super) struct UartIrqs {
-    USART3 => InterruptHandler;
-    // Ahead of the HAL's handler, which clears the flags.
-    DMA1_STREAM1 => RingHandler, dma::InterruptHandler<RxDma>;
-    DMA1_STREAM3 => SentHandler;
-});
 
 /// The registers.
 pub(crate) const UART: pac::usart::Usart = pac::USART3;

@@ -10,13 +10,13 @@ use core::task::{Context, Poll};
 
 use embassy_stm32::interrupt::typelevel::{Handler, OTG_FS};
 use embassy_stm32::pac::USB_OTG_FS;
+use embassy_stm32::pac::common::{RW, Reg};
+use embassy_stm32::pac::otg::regs::Diepctl;
 use embassy_stm32::pac::otg::vals::Pktstsd;
 use embassy_stm32::{peripherals, usb};
 use embassy_usb::driver::{self, Bus as _, ControlPipe as _, Direction, EndpointAddress, EndpointError, Event};
 
-use super::{disable, flush};
-use crate::board::usb_control::{SETUP_ARRIVED, wake_if_over};
-use crate::board::usb_driver::soon;
+use crate::board::usb_stage::{SETUP_ARRIVED, soon, wake_stage};
 
 /// The HAL's driver and its parts.
 pub(in crate::board) type Hal = usb::Driver<'static, peripherals::USB_OTG_FS>;
@@ -42,7 +42,9 @@ impl Handler<OTG_FS> for SetupHandler {
         if has_setup_arrived() || is_setup_waiting() {
             SETUP_ARRIVED.store(true, Ordering::Relaxed);
         }
-        wake_if_over();
+        if is_over() {
+            wake_stage();
+        }
     }
 }
 
@@ -98,6 +100,69 @@ fn withdraw_packet() {
         soon(|| !control.read().epena());
         flush(0);
     }
+}
+
+/// Withdraws the packets in endpoints that the host will not fetch.
+///
+/// A bus reset leaves these endpoints enabled, and the HAL would wait forever for their packets (RM0090 34.17.6, "IN
+/// endpoint disable").
+pub(crate) fn cancel_unfetched_packets() {
+    for endpoint in 1..ENDPOINTS {
+        let control = USB_OTG_FS.diepctl(endpoint);
+        if control.read().epena() {
+            disable(control);
+        }
+    }
+}
+
+/// Withdraws the packet in an IN endpoint. Returns true if it was still unfetched (RM0090 34.17.6, "IN endpoint
+/// disable").
+pub(crate) fn cancel_unfetched_packet(endpoint: usize) -> bool {
+    let (control, flags) = (USB_OTG_FS.diepctl(endpoint), USB_OTG_FS.diepint(endpoint));
+    // The HAL's interrupt handler clears an endpoint's flags.
+    critical_section::with(|_| {
+        if !control.read().epena() {
+            return false;
+        }
+        // Writing back EPENA as a one would restart a transfer that ended in between.
+        control.modify(|w| {
+            w.set_epena(false);
+            w.set_snak(true);
+        });
+        // A packet on the wire is completed. It then counts as fetched.
+        if !soon(|| flags.read().inepne()) {
+            control.modify(|w| {
+                w.set_epena(false);
+                w.set_cnak(true);
+            });
+            return false;
+        }
+        if !control.read().epena() {
+            return false;
+        }
+        disable(control);
+        let is_back = soon(|| !control.read().epena());
+        flush(endpoint) && is_back
+    })
+}
+
+/// Begins to disable an IN endpoint. It answers with NAK.
+fn disable(endpoint: Reg<Diepctl, RW>) {
+    endpoint.modify(|w| {
+        w.set_epena(false);
+        w.set_snak(true);
+        w.set_epdis(true);
+    });
+}
+
+/// Flushes the transmit FIFO of a disabled endpoint. Returns true if it is empty.
+fn flush(endpoint: usize) -> bool {
+    let resets = USB_OTG_FS.grstctl();
+    resets.write(|w| {
+        w.set_txfnum(endpoint as u8);
+        w.set_txfflsh(true);
+    });
+    soon(|| !resets.read().txfflsh())
 }
 
 /// Resets an endpoint's data toggle to DATA0 (USB 2.0, 9.1.1.5, 9.4.5, 9.4.10), and halts it or ends its halt. A packet

@@ -3,7 +3,7 @@
 use cortex_m::peripheral::SCB;
 use embassy_stm32::pac;
 
-use super::super::enable_clocks;
+use super::super::rcc::enable_clocks;
 
 /// The address of the ROM (RM0440 2.2.2).
 const ROM: *const u32 = 0x1FFF_0000 as *const u32;

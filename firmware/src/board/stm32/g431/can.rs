@@ -9,7 +9,8 @@ use embassy_stm32::pac::can::vals::{Anfe, Anfs, Tfqm};
 use embassy_stm32::peripherals::FDCAN1;
 use embassy_stm32::{Peri, rcc};
 
-use super::super::can::{ROOM, accepted_ids, bus_off, changed, error, overrun, received, take_pins};
+use super::super::can_controller::{ROOM, accepted_ids, bus_off, changed, error, overrun, received, take_pins};
+use super::waiting::Waiting;
 
 const CAN: pac::can::Fdcan = pac::FDCAN1;
 const RAM: pac::fdcanram::Fdcanram = pac::FDCANRAM1;
@@ -43,15 +44,6 @@ const TO_FIFO_0: u32 = 0b001 << 27;
 
 /// Number of transmit buffers.
 const BUFFERS: usize = ROOM as usize;
-
-/// A received frame in the queue.
-pub(crate) struct Waiting(Frame);
-
-impl Waiting {
-    pub(crate) fn into_frame(self) -> Option<Frame> {
-        Some(self.0)
-    }
-}
 
 pub(crate) struct Controller {
     _pins: [Flex<'static>; 2],

@@ -3,7 +3,7 @@
 use embassy_stm32::pac;
 use embassy_stm32::pac::timer::Tim1chCmp;
 
-use super::super::enable_clocks;
+use super::super::rcc::enable_clocks;
 
 pub(crate) const TIMER: Tim1chCmp = pac::TIM16;
 

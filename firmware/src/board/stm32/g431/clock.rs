@@ -17,7 +17,8 @@ use embassy_stm32::rcc::{
 use embassy_stm32::time::Hertz;
 
 use super::super::crystal::{self, Crystal};
-use super::super::{Led, Watchdog, enable_clocks};
+use super::super::rcc::enable_clocks;
+use super::super::{Led, Watchdog};
 
 /// R1MODE of PWR_CR5: boost mode is on while it is clear (RM0440 6.4.22).
 const R1MODE: u32 = 1 << 8;

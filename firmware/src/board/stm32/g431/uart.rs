@@ -5,7 +5,7 @@ use core::sync::atomic::{Ordering, fence};
 use embassy_stm32::pac;
 use embassy_stm32::pac::bdma::vals::Dir;
 
-use super::super::usart::Status;
+use super::super::status::Status;
 use super::{RX_CHANNEL, TX_CHANNEL, TX_REQUEST, UART};
 
 /// Reads and clears the UART's flags.

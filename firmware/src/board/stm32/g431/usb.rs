@@ -21,8 +21,7 @@ use embassy_usb::driver::{
     self, Bus as _, ControlPipe as _, Direction, Endpoint as _, EndpointAddress, EndpointError, EndpointInfo, Event,
 };
 
-use crate::board::usb_control::{SETUP_ARRIVED, wake_if_over, wake_stage};
-use crate::board::usb_driver::soon;
+use crate::board::usb_stage::{SETUP_ARRIVED, soon, wake_stage};
 
 /// The HAL's driver and its parts.
 pub(in crate::board) type Hal = usb::Driver<'static, peripherals::USB>;
@@ -65,7 +64,9 @@ impl Handler<USB_LP> for EventHandler {
                 }
             }
         }
-        wake_if_over();
+        if is_over() {
+            wake_stage();
+        }
     }
 }
 

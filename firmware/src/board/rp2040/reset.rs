@@ -1,0 +1,27 @@
+//! The restart of the chip, and the cause of the last one.
+
+use embassy_rp::pac;
+use embassy_rp::peripherals::WATCHDOG;
+
+use crate::board::ChipReset;
+
+/// Reads the cause of the last reset. The chip clears it at the next (2.12.7, 4.7.6).
+pub(crate) fn take_reset() -> ChipReset {
+    let watchdog = pac::WATCHDOG.reason().read();
+    if watchdog.timer() {
+        ChipReset::Watchdog
+    } else if !watchdog.force() && pac::VREG_AND_CHIP_RESET.chip_reset().read().had_por() {
+        ChipReset::PowerOn
+    } else {
+        ChipReset::Other
+    }
+}
+
+/// Restarts the chip with all peripherals. A reset by the core's own register would leave these as they are.
+pub(crate) fn reset() -> ! {
+    // SAFETY: nothing else runs from here on.
+    embassy_rp::watchdog::Watchdog::new(unsafe { WATCHDOG::steal() }).trigger_reset();
+    loop {
+        cortex_m::asm::nop();
+    }
+}
