@@ -5,8 +5,7 @@ use embassy_time::Timer;
 
 use super::chip::{self, Dma, Uart};
 use super::receive::Receiver;
-use super::state::wake;
-use super::transmit::CHANGE;
+use super::state::{STATE, wake};
 use crate::adapter::Adapter;
 use crate::board::usart;
 use crate::ceiling::{SERVICE, mask};
@@ -26,7 +25,7 @@ pub(crate) async fn change(adapter: &'static Adapter, mut uart: Uart, mut dma: D
         wake();
         drop(masked);
         let resting = rest(Task::Line);
-        let wanted = CHANGE.wait().await;
+        let wanted = STATE.tx.change.wait().await;
         drop(resting);
         configure(&mut uart, config, wanted).await;
         config = wanted;
@@ -39,7 +38,7 @@ pub(crate) async fn change(adapter: &'static Adapter, mut uart: Uart, mut dma: D
 
 /// Waits for the last bit at the old configuration, and applies the new one.
 async fn configure(uart: &mut Uart, was: UartConfig, wanted: UartConfig) {
-    while !usart::is_transmitted() {
+    while !STATE.usart.is_transmitted() {
         Timer::after_micros(10).await;
     }
     // The flag may refer to the byte before the last transfer, if that byte ended between the clearing and the first
@@ -48,6 +47,6 @@ async fn configure(uart: &mut Uart, was: UartConfig, wanted: UartConfig) {
     // The UART is disabled meanwhile.
     usart::hold_tx_high();
     chip::configure(uart, wanted.coding);
-    usart::set_half_duplex(wanted.half_duplex);
+    STATE.usart.set_half_duplex(wanted.half_duplex);
     usart::release_tx();
 }

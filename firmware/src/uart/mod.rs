@@ -7,7 +7,7 @@ mod change;
 mod receive;
 #[cfg(feature = "board-rp2040")]
 mod rp2040;
-mod state;
+pub(crate) mod state;
 #[cfg(feature = "stm32")]
 mod stm32;
 mod transmit;

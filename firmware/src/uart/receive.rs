@@ -3,10 +3,9 @@
 use core::ops::Range;
 
 use armwire_bridge::{Bridge, Duration, Instant, LineCoding, RxRing, RxWait, UartEvent};
-use portable_atomic::Ordering;
 
 use super::chip::{self, Dma, Transfer, tail};
-use super::state::{ERRORS, RING_OVERRUN, WORD, with_ring, word_at};
+use super::state::{STATE, WORD, word_at};
 use crate::clock::now;
 
 /// Maximum number of bytes that are passed to the bridge at once.
@@ -29,10 +28,10 @@ impl Reader {
 
     /// Passes received bytes to the bridge, up to the end of a frame. Returns true if one ended.
     pub(crate) fn read(&mut self, bridge: &mut Bridge) -> bool {
-        let mut errors = critical_section::with(|cs| ERRORS.borrow(cs).take());
-        if RING_OVERRUN.swap(false, Ordering::Relaxed) {
+        let mut errors = STATE.rx.take_errors();
+        if STATE.rx.take_overrun() {
             // The ring contains bytes of two turns, which cannot be separated.
-            with_ring(|ring| ring.discard(tail()));
+            STATE.rx.ring(|ring| ring.discard(tail()));
             errors.get_or_insert_default().ring_overrun = 1;
         }
         // Later bytes are read the next time.
@@ -40,7 +39,7 @@ impl Reader {
         let (mut frames, mut late, mut is_marked) = (0, 0, false);
         // A frame goes out before the bytes after it are read.
         while frames == 0
-            && let Some(mark) = with_ring(|ring| ring.take_mark(end))
+            && let Some(mark) = STATE.rx.ring(|ring| ring.take_mark(end))
         {
             is_marked = true;
             if mark.idle {
@@ -52,7 +51,7 @@ impl Reader {
                 frames = self.pass(bridge, mark.end, mark.at);
             }
         }
-        if !is_marked || frames == 0 && with_ring(|ring| ring.unread(end)) > 0 {
+        if !is_marked || frames == 0 && STATE.rx.ring(|ring| ring.unread(end)) > 0 {
             late = self.pass(bridge, end, at);
             frames = late;
         }
@@ -72,7 +71,7 @@ impl Reader {
         loop {
             let bytes = copy(&mut self.chunk, end);
             frames += bridge.uart_received(&self.chunk.as_flattened()[bytes], at);
-            if with_ring(|ring| ring.unread(end)) == 0 {
+            if STATE.rx.ring(|ring| ring.unread(end)) == 0 {
                 return frames;
             }
         }
@@ -81,7 +80,7 @@ impl Reader {
 
 /// Makes the interrupt handler wait for these events. Returns true if one has already come that pends no service.
 pub(crate) fn wait(wait: RxWait) -> bool {
-    with_ring(|ring| {
+    STATE.rx.ring(|ring| {
         ring.set(wait);
         chip::listen(ring)
     })
@@ -91,7 +90,7 @@ pub(crate) fn wait(wait: RxWait) -> bool {
 /// and the last may contain other bytes, which do not count.
 fn copy(words: &mut Words, end: usize) -> Range<usize> {
     // The bytes are copied outside of the critical section: the interrupt handler must not wait.
-    let [first, second] = with_ring(|ring| ring.take(end, CHUNK));
+    let [first, second] = STATE.rx.ring(|ring| ring.take(end, CHUNK));
     let len = first.len() + second.len();
     let index = first.start % WORD;
     for (i, word) in words.iter_mut().enumerate().take((index + len).div_ceil(WORD)) {
@@ -126,7 +125,7 @@ impl Receiver {
     pub(super) fn start<'a>(&mut self, dma: &'a mut Dma, coding: LineCoding) -> Transfer<'a> {
         // An interrupt handler in between would record an old position of the DMA in the new ring.
         critical_section::with(|_| {
-            self.idle = with_ring(RxRing::restart);
+            self.idle = STATE.rx.ring(RxRing::restart);
             chip::start(dma, coding)
         })
     }

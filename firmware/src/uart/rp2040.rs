@@ -9,13 +9,14 @@
 //! clock. Inside a frame, whose end is known, and above 1 Mbaud it looks for bytes, too: the byte interrupt is off.
 
 mod burst;
+pub(super) mod interrupt;
 
 use core::marker::PhantomData;
-use core::sync::atomic::{AtomicBool, AtomicU32, AtomicUsize, Ordering};
+use core::sync::atomic::{AtomicU32, Ordering};
 
 use armwire_bridge::{Duration, Instant, LineCoding, RxRing};
 
-use super::state::{BYTES, ERRORS, RING_OVERRUN, SIZE, byte_at, wake, with_ring};
+use super::state::{BYTES, SIZE, STATE, byte_at, wake};
 use crate::board::hal::interrupt::typelevel::Handler;
 use crate::board::usart;
 use crate::board::{IdleInterrupt, RxInterrupt, UartInterrupt, clear_idle_alarm, has_passed, set_idle_alarm};
@@ -39,12 +40,6 @@ struct Stamps([AtomicU32; SIZE]);
 const _: () = assert!(align_of::<Stamps>() == 4 * SIZE);
 
 static STAMPS: Stamps = Stamps([const { AtomicU32::new(0) }; SIZE]);
-/// The position after the last byte that a handler has looked at.
-static SEEN: AtomicUsize = AtomicUsize::new(0);
-/// The line was found idle after the last byte. Without further bytes it is not found idle again: the bridge may wait for
-/// an idle line as long as a host reads nothing.
-static IS_IDLE: AtomicBool = AtomicBool::new(true);
-
 /// Number of byte times without a byte after which the line is idle.
 const IDLE_BYTES: u32 = 2;
 
@@ -60,16 +55,16 @@ const FULL: usize = SIZE - 64;
 
 /// Starts the DMA at the first position of the ring.
 pub(super) fn start(_: &mut Dma, _: LineCoding) -> Transfer<'_> {
-    SEEN.store(0, Ordering::Relaxed);
+    STATE.interrupt.seen.store(0, Ordering::Relaxed);
     usart::start_receiving(
-        BYTES.0.as_ptr() as u32,
+        BYTES.address() as u32,
         STAMPS.0.as_ptr() as u32,
         SIZE.trailing_zeros() as u8,
     );
     usart::set_byte_interrupt(true);
     // The bridge may wait for an idle line after the bytes before this start.
     STAMPS.0[SIZE - 1].store(now().as_micros() as u32, Ordering::Relaxed);
-    IS_IDLE.store(false, Ordering::Relaxed);
+    STATE.interrupt.is_idle.store(false, Ordering::Relaxed);
     set_idle_alarm(idle_from(0));
     Transfer(PhantomData)
 }
@@ -81,7 +76,7 @@ pub(super) fn stop(_: Transfer<'_>) {
 
 /// Applies a line coding, which the bridge has checked.
 pub(super) fn configure(_: &mut Uart, coding: LineCoding) {
-    usart::configure(coding);
+    STATE.usart.configure(coding);
 }
 
 /// The DMA's next write position in the ring.
@@ -127,24 +122,23 @@ fn look(ring: &mut RxRing<SIZE>, count: usize, end: usize) -> bool {
 
 /// Looks at the bytes that arrived since the last call. Returns the position after the last one.
 fn look_at_new() -> usize {
-    with_ring(|ring| {
+    STATE.rx.ring(|ring| {
         let end = tail();
         let unread = ring.unread(end);
-        let new = end.wrapping_sub(SEEN.load(Ordering::Relaxed)) % SIZE;
+        let new = end.wrapping_sub(STATE.interrupt.seen.load(Ordering::Relaxed)) % SIZE;
         if new > 0 {
-            SEEN.store(end, Ordering::Relaxed);
-            IS_IDLE.store(false, Ordering::Relaxed);
+            STATE.interrupt.seen.store(end, Ordering::Relaxed);
+            STATE.interrupt.is_idle.store(false, Ordering::Relaxed);
         }
         let is_event = look(ring, unread.min(new), end);
         if unread > FULL {
-            RING_OVERRUN.store(true, Ordering::Relaxed);
-        }
-        if is_event || unread > FULL {
+            STATE.rx.overrun();
+        } else if is_event {
             wake();
         }
         // Inside a frame the alarm for an idle line looks often enough.
         let is_inside = ring.quiet(end, byte_at) >= IDLE_BYTES as usize;
-        usart::set_byte_interrupt(!is_inside && usart::line_time(IDLE_BYTES) >= SHORTEST);
+        usart::set_byte_interrupt(!is_inside && STATE.usart.line_time(IDLE_BYTES) >= SHORTEST);
         end
     })
 }
@@ -156,7 +150,7 @@ impl Handler<RxInterrupt> for RingHandler {
     unsafe fn on_interrupt() {
         usart::clear_received();
         let end = look_at_new();
-        match IS_IDLE.load(Ordering::Relaxed) {
+        match STATE.interrupt.is_idle.load(Ordering::Relaxed) {
             // The next byte starts the alarm.
             true => usart::set_byte_interrupt(true),
             false => set_idle_alarm(idle_from(end)),
@@ -167,7 +161,7 @@ impl Handler<RxInterrupt> for RingHandler {
 /// The time from which the line is idle, if the byte before `end` is the last: a byte that began in the first byte time
 /// after it has arrived in the second. It is the lower half of the clock.
 fn idle_from(end: usize) -> u32 {
-    let wait = usart::line_time(IDLE_BYTES).max(SHORTEST) + ROUNDING;
+    let wait = STATE.usart.line_time(IDLE_BYTES).max(SHORTEST) + ROUNDING;
     stamp(end).wrapping_add(wait.as_micros() as u32)
 }
 
@@ -179,18 +173,18 @@ impl Handler<IdleInterrupt> for IdleHandler {
         clear_idle_alarm();
         let end = look_at_new();
         let at = idle_from(end);
-        if !IS_IDLE.load(Ordering::Relaxed) && !has_passed(at) {
+        if !STATE.interrupt.is_idle.load(Ordering::Relaxed) && !has_passed(at) {
             return set_idle_alarm(at);
         }
         // The next byte starts the alarm.
         usart::set_byte_interrupt(true);
         // An alarm that passed while it was set has two interrupts.
-        if IS_IDLE.load(Ordering::Relaxed) {
+        if STATE.interrupt.is_idle.load(Ordering::Relaxed) {
             return;
         }
-        IS_IDLE.store(true, Ordering::Relaxed);
-        let detected = arrival(end) + usart::line_time(1);
-        if with_ring(|ring| ring.idle(end, detected)) {
+        STATE.interrupt.is_idle.store(true, Ordering::Relaxed);
+        let detected = arrival(end) + STATE.usart.line_time(1);
+        if STATE.rx.ring(|ring| ring.idle(end, detected)) {
             wake();
         }
     }
@@ -201,17 +195,15 @@ pub(crate) fn stall<R>(f: impl FnOnce() -> R) -> R {
     // The service must not read before a loss is known.
     let _masked = mask(SERVICE);
     let start = tail();
-    let unread = with_ring(|ring| ring.unread(start));
+    let unread = STATE.rx.ring(|ring| ring.unread(start));
     // The stamp that is overwritten last.
     let last = stamp(start);
     let result = f();
     let arrived = tail().wrapping_sub(start) % SIZE;
-    let is_overrun = stamp(start) != last || unread + arrived > FULL;
-    if is_overrun {
-        RING_OVERRUN.store(true, Ordering::Relaxed);
-    }
     // The caller may stall again before a task has its turn.
-    if is_overrun || with_ring(|ring| ring.has_mark()) {
+    if stamp(start) != last || unread + arrived > FULL {
+        STATE.rx.overrun();
+    } else if STATE.rx.ring(|ring| ring.has_mark()) {
         wake();
     }
     result
@@ -223,12 +215,10 @@ pub(crate) struct InterruptHandler;
 impl Handler<UartInterrupt> for InterruptHandler {
     unsafe fn on_interrupt() {
         let now = usart::take_errors();
-        critical_section::with(|cs| {
-            let mut errors = ERRORS.borrow(cs).get().unwrap_or_default();
+        STATE.rx.count_errors(|errors| {
             errors.framing += u32::from(now.framing);
             errors.parity += u32::from(now.parity);
             errors.overrun += u32::from(now.overrun);
-            ERRORS.borrow(cs).set(Some(errors));
         });
     }
 }

@@ -13,19 +13,16 @@
 //! delay it: it preempts all of them.
 
 mod byte_interrupt;
+pub(super) mod interrupt;
 mod tail;
 
-use core::cell::Cell;
-
 use armwire_bridge::{Instant, LineCoding, Parity, RxRing, StopBits};
-use critical_section::Mutex;
 use embassy_stm32::dma::{Channel, TransferOptions};
 use embassy_stm32::interrupt::typelevel::Handler;
 use embassy_stm32::mode::Blocking;
 use embassy_stm32::usart::{self as hal, UartRx};
-use portable_atomic::Ordering;
 
-use super::state::{BYTES, ERRORS, RING_OVERRUN, SIZE, byte_at, wake, with_ring};
+use super::state::{BYTES, SIZE, STATE, byte_at, wake};
 use super::transmit::transmission_complete;
 use crate::board::usart::{self, Status};
 use crate::board::{RX_REQUEST, RxInterrupt, UartInterrupt};
@@ -41,19 +38,16 @@ pub(crate) type Dma = Channel<'static>;
 /// The receive DMA in operation.
 pub(super) type Transfer<'a> = embassy_stm32::dma::Transfer<'a>;
 
-/// Errors already counted for a byte that the DMA did not fetch in time, and the byte's future position in the ring.
-static COUNTED: Mutex<Cell<Option<(usize, Status)>>> = Mutex::new(Cell::new(None));
-
 /// Configures the DMA stream and connects it to the UART.
 pub(super) fn start(dma: &mut Dma, coding: LineCoding) -> Transfer<'_> {
     byte_interrupt::set_coding(coding);
-    let ring = core::ptr::slice_from_raw_parts_mut(BYTES.0.as_ptr().cast::<u8>().cast_mut(), SIZE);
+    let ring = core::ptr::slice_from_raw_parts_mut(BYTES.address(), SIZE);
     let mut options = TransferOptions::default();
     options.circular = true;
     options.half_transfer_ir = true;
     let transfer = critical_section::with(|cs| {
         // The byte that the UART holds becomes the first in the ring, and its counted errors stay counted.
-        let counted = COUNTED.borrow(cs);
+        let counted = STATE.interrupt.counted.borrow(cs);
         let held = counted.take().filter(|&(end, _)| end == tail());
         counted.set(held.map(|(_, status)| (0, status)));
         // SAFETY: the source is the UART's data register, whose stream this is; the target consists of static
@@ -63,7 +57,7 @@ pub(super) fn start(dma: &mut Dma, coding: LineCoding) -> Transfer<'_> {
     usart::start_receiving();
     // The byte that the UART holds is no part of later ones, and its idle line may have passed.
     cortex_m::asm::delay(COUNT_CYCLES);
-    with_ring(|ring| ring.idle(tail(), now()));
+    STATE.rx.ring(|ring| ring.idle(tail(), now()));
     transfer
 }
 
@@ -111,11 +105,11 @@ impl Handler<UartInterrupt> for InterruptHandler {
     unsafe fn on_interrupt() {
         // The future position of the byte that the status belongs to, if it waits: the DMA may fetch it from here on.
         let place = tail();
-        let status = usart::take_status();
-        let is_byte = !status.is_error() && !status.idle && !usart::is_transmitted_interrupt();
+        let status = STATE.usart.take_status();
+        let is_byte = !status.is_error() && !status.idle && !STATE.usart.is_transmitted_interrupt();
         // Usually it is a byte inside a frame, which the DMA may not have counted yet.
-        if is_byte && !usart::must_keep_parity_errors() {
-            let quiet = with_ring(|ring| ring.quiet(place, byte_at));
+        if is_byte && !STATE.usart.must_keep_parity_errors() {
+            let quiet = STATE.rx.ring(|ring| ring.quiet(place, byte_at));
             if quiet > 0 {
                 byte_interrupt::sleep(quiet);
                 return;
@@ -135,7 +129,7 @@ impl Handler<UartInterrupt> for InterruptHandler {
 #[inline(always)]
 fn record_bytes(end: usize, at: impl FnOnce() -> Instant) -> bool {
     let last = byte_at(end.wrapping_sub(1));
-    with_ring(|ring| {
+    STATE.rx.ring(|ring| {
         let is_event = ring.arrived(end, last, at);
         if is_event && !ring.is_waiting() {
             byte_interrupt::set(false);
@@ -148,7 +142,7 @@ fn record_bytes(end: usize, at: impl FnOnce() -> Instant) -> bool {
 #[cold]
 fn record_flags(status: Status, place: usize) {
     let at = now();
-    if usart::is_transmitted_interrupt() {
+    if STATE.usart.is_transmitted_interrupt() {
         transmission_complete();
     }
     // The byte that triggered the handler is in the ring a few cycles later.
@@ -158,7 +152,7 @@ fn record_flags(status: Status, place: usize) {
     }
     let end = tail();
     let is_event = record_bytes(end, || at);
-    let is_idle = status.idle && with_ring(|ring| ring.idle(end, at));
+    let is_idle = status.idle && STATE.rx.ring(|ring| ring.idle(end, at));
     // Errors are reported to the bridge together with the bytes.
     if is_event || is_idle {
         wake();
@@ -175,9 +169,9 @@ const COUNT_CYCLES: u32 = 24;
 // Inline: it is executed for each byte.
 #[inline(always)]
 fn wait_for_dma() -> bool {
-    let is_fetched = (0..FETCH_TRIES).any(|_| !usart::is_byte_waiting());
+    let is_fetched = (0..FETCH_TRIES).any(|_| !STATE.usart.is_byte_waiting());
     if is_fetched {
-        usart::keep_parity_error();
+        STATE.usart.keep_parity_error();
     }
     cortex_m::asm::delay(COUNT_CYCLES);
     is_fetched
@@ -187,26 +181,27 @@ fn wait_for_dma() -> bool {
 #[cold]
 fn record_errors(status: Status, place: usize, is_fetched: bool) {
     critical_section::with(|cs| {
-        let counted = match COUNTED.borrow(cs).take() {
+        let held = STATE.interrupt.counted.borrow(cs);
+        let counted = match held.take() {
             Some((held, counted)) if held == place => counted,
             _ => Status::default(),
         };
-        let mut errors = ERRORS.borrow(cs).get().unwrap_or_default();
-        for (flag, was, counter) in [
-            (status.framing, counted.framing, &mut errors.framing),
-            (status.parity, counted.parity, &mut errors.parity),
-            (status.noise, counted.noise, &mut errors.noise),
-            (status.overrun, counted.overrun, &mut errors.overrun),
-        ] {
-            *counter += u32::from(flag && !was);
-        }
-        ERRORS.borrow(cs).set(Some(errors));
+        STATE.rx.count_errors(|errors| {
+            for (flag, was, counter) in [
+                (status.framing, counted.framing, &mut errors.framing),
+                (status.parity, counted.parity, &mut errors.parity),
+                (status.noise, counted.noise, &mut errors.noise),
+                (status.overrun, counted.overrun, &mut errors.overrun),
+            ] {
+                *counter += u32::from(flag && !was);
+            }
+        });
         if !is_fetched {
-            COUNTED.borrow(cs).set(Some((place, status)));
+            held.set(Some((place, status)));
         }
     });
     if is_fetched {
-        usart::clear_errors();
+        STATE.usart.clear_errors();
     }
 }
 
@@ -217,9 +212,8 @@ impl Handler<RxInterrupt> for RingHandler {
     unsafe fn on_interrupt() {
         // With two checks per turn the DMA cannot pass the head unnoticed. With fewer, as after a stall for the flash,
         // `rx_has_wrapped` detects it.
-        if with_ring(|ring| ring.unread(tail())) > SIZE / 2 - MARGIN || usart::rx_has_wrapped() {
-            RING_OVERRUN.store(true, Ordering::Relaxed);
-            wake();
+        if STATE.rx.ring(|ring| ring.unread(tail())) > SIZE / 2 - MARGIN || usart::rx_has_wrapped() {
+            STATE.rx.overrun();
         }
     }
 }

@@ -1,21 +1,12 @@
 //! Bursts to the arm.
 
-use core::sync::atomic::{AtomicBool, Ordering};
-
 use armwire_bridge::control::MAX_FRAME;
-use armwire_bridge::{Bridge, Instant, Transmit, UartConfig};
-use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
-use embassy_sync::signal::Signal;
+use armwire_bridge::{Bridge, Instant, Transmit};
 
+use super::state::STATE;
 use crate::board::hal::interrupt::typelevel::Handler;
 use crate::board::{TxInterrupt, transmit_at, usart};
 use crate::clock::now;
-use crate::pend::pend;
-
-/// The configuration to change to. Nothing is sent until the change is done.
-pub(super) static CHANGE: Signal<CriticalSectionRawMutex, UartConfig> = Signal::new();
-/// A burst is going out. The interrupt handlers clear it.
-static SENDING: AtomicBool = AtomicBool::new(false);
 
 /// The transmitter.
 pub(crate) struct Sender {
@@ -67,7 +58,7 @@ impl Sender {
             }
             Some(Transmit::Configure(wanted)) => {
                 self.is_changing = true;
-                CHANGE.signal(wanted);
+                STATE.tx.change.signal(wanted);
                 true
             }
             None => false,
@@ -75,7 +66,7 @@ impl Sender {
     }
 
     fn is_busy(&self) -> bool {
-        self.is_changing || SENDING.load(Ordering::Relaxed)
+        self.is_changing || STATE.tx.is_sending()
     }
 
     /// The line has been changed.
@@ -86,8 +77,8 @@ impl Sender {
     /// Stops the burst that is going out. The bytes that the UART holds still go out: the one on the line and the next,
     /// or those in its FIFO.
     pub(crate) fn cut(&mut self) {
-        if SENDING.load(Ordering::Relaxed) {
-            usart::stop_sending();
+        if STATE.tx.is_sending() {
+            STATE.usart.stop_sending();
             // The burst may have waited for its start.
             usart::set_transmit_requests(true);
             dma_ended();
@@ -97,16 +88,16 @@ impl Sender {
 
 /// Sends `bytes`, the first of them at `start`.
 fn send(bytes: &[u8], start: Option<Instant>) {
-    SENDING.store(true, Ordering::Relaxed);
-    if usart::is_half_duplex() {
-        usart::set_receiver(false);
+    STATE.tx.begin();
+    if STATE.usart.is_half_duplex() {
+        STATE.usart.set_receiver(false);
     }
     if start.is_some() {
         usart::set_transmit_requests(false);
     }
     // This makes the flag refer to these bytes, not to earlier ones.
     usart::clear_transmitted();
-    usart::start_sending(bytes);
+    STATE.usart.start_sending(bytes);
     if let Some(start) = start {
         transmit_at(start);
     }
@@ -124,22 +115,16 @@ impl Handler<TxInterrupt> for SentHandler {
 
 /// The DMA has written the last byte. If the next burst must wait for bytes before it, an interrupt follows.
 fn dma_ended() {
-    match usart::sends_after_dma() {
-        true => usart::set_transmitted_interrupt(true),
-        false => sent(),
+    match STATE.usart.sends_after_dma() {
+        true => STATE.usart.set_transmitted_interrupt(true),
+        false => STATE.tx.end(),
     }
 }
 
 /// The last bit of a burst was sent, or as much of it as the next burst waits for.
 #[cold]
 pub(super) fn transmission_complete() {
-    usart::set_receiver(true);
-    usart::set_transmitted_interrupt(false);
-    sent();
-}
-
-/// The UART is ready for the next burst.
-fn sent() {
-    SENDING.store(false, Ordering::Relaxed);
-    pend();
+    STATE.usart.set_receiver(true);
+    STATE.usart.set_transmitted_interrupt(false);
+    STATE.tx.end();
 }

@@ -9,6 +9,7 @@ use super::{ConfigFlash, LESS_URGENT, Led, Watchdog, flash, time, uart, usb};
 use crate::board::{TimerHandler, UsbDriver};
 use crate::ceiling::DRIVERS;
 use crate::service::ServiceHandler;
+use crate::uart::state::STATE;
 use crate::uart::{BurstHandler, Dma, IdleHandler, InterruptHandler, RingHandler, SentHandler, Uart};
 
 bind_interrupts!(struct Irqs {
@@ -56,7 +57,7 @@ pub(crate) fn init(_: &mut Watchdog) -> Board {
     }
     time::start();
     let flash = flash::new(p.FLASH);
-    uart::start();
+    STATE.usart.start();
     for interrupt in MOST_URGENT {
         interrupt.set_priority(Priority::P0);
         // SAFETY: the handlers share state with others in critical sections and atomics.

@@ -3,8 +3,6 @@
 //! The HAL's driver is not used: its alarm does not run the service. Further alarms start and end a burst, and detect
 //! an idle line.
 
-use core::sync::atomic::{AtomicBool, Ordering};
-
 use armwire_bridge::Instant;
 use embassy_rp::interrupt::typelevel::Interrupt;
 use embassy_rp::pac::TIMER;
@@ -18,9 +16,6 @@ const IDLE: usize = 2;
 
 /// The longest time to an alarm, which compares 32 bits.
 const LONGEST: u64 = 1 << 31;
-
-/// The burst waits for its start. If false, the alarm is that of its end.
-static IS_WAITING: AtomicBool = AtomicBool::new(false);
 
 /// Starts the alarms. The timer runs.
 pub(super) fn start() {
@@ -37,22 +32,17 @@ pub(super) fn start() {
 ///
 /// The interrupt handler starts it: no task would be as punctual.
 pub(crate) fn transmit_at(at: Instant) {
-    IS_WAITING.store(true, Ordering::Relaxed);
     set_alarm::<BurstInterrupt>(BURST, at.as_micros() as u32);
 }
 
 /// Looks for the end of a burst at `at`.
 pub(crate) fn set_end_alarm(at: Instant) {
-    IS_WAITING.store(false, Ordering::Relaxed);
     set_alarm::<BurstInterrupt>(BURST, at.as_micros() as u32);
 }
 
-/// Clears the interrupt of the alarm of a burst. Returns true if it was that of its start.
-pub(crate) fn take_burst_alarm() -> bool {
+/// Clears the interrupt of the alarm of a burst.
+pub(crate) fn clear_burst_alarm() {
     TIMER.intr().write(|w| w.set_alarm(BURST, true));
-    let is_start = IS_WAITING.load(Ordering::Relaxed);
-    IS_WAITING.store(false, Ordering::Relaxed);
-    is_start
 }
 
 /// Looks for an idle line at `at`, the lower half of a time.

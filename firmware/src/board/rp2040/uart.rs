@@ -36,15 +36,6 @@ const START: LineCoding = LineCoding {
     stop_bits: StopBits::One,
 };
 
-/// Time of a byte on the line in microseconds, rounded down.
-static BYTE_MICROS: AtomicU32 = AtomicU32::new(10);
-/// One wire for both directions.
-static HALF_DUPLEX: AtomicBool = AtomicBool::new(false);
-/// The DMA has handed over the last byte of a burst.
-static IS_ENDING: AtomicBool = AtomicBool::new(false);
-/// The length of the burst.
-static LEN: AtomicU32 = AtomicU32::new(0);
-
 /// The errors since the last call.
 pub(crate) struct Errors {
     /// A byte without a stop bit, or a break.
@@ -53,57 +44,6 @@ pub(crate) struct Errors {
     pub(crate) parity: bool,
     /// Lost bytes: the FIFO was full.
     pub(crate) overrun: bool,
-}
-
-/// Enables the UART and the interrupt for errors.
-pub(super) fn start() {
-    PADS_BANK0.gpio(RX).modify(|w| {
-        // Without an arm the line must look idle.
-        w.set_pue(true);
-        w.set_pde(false);
-        w.set_ie(true);
-    });
-    IO_BANK0
-        .gpio(RX)
-        .ctrl()
-        .write(|w| w.set_funcsel(Gpio0ctrlFuncsel::UART0_TX.to_bits()));
-    configure(START);
-    UART1.uartimsc().write(|w| {
-        w.set_feim(true);
-        w.set_peim(true);
-        w.set_beim(true);
-        w.set_oeim(true);
-    });
-    release_tx();
-}
-
-/// Applies a line coding. The UART is disabled meanwhile (4.2.8, UARTLCR_H), and its FIFOs keep their bytes.
-pub(crate) fn configure(coding: LineCoding) {
-    critical_section::with(|_| {
-        UART1.uartcr().modify(|w| w.set_uarten(false));
-        // Divisor in 64ths (4.2.7.1), rounded.
-        let divisor = (u64::from(clk_peri_freq()) * 8 / u64::from(coding.baud)).div_ceil(2) as u32;
-        UART1.uartibrd().write(|w| w.set_baud_divint((divisor >> 6) as u16));
-        UART1.uartfbrd().write(|w| w.set_baud_divfrac((divisor & 0x3F) as u8));
-        UART1.uartlcr_h().write(|w| {
-            w.set_wlen(0b11);
-            w.set_fen(true);
-            w.set_pen(coding.parity != Parity::None);
-            w.set_eps(coding.parity == Parity::Even);
-            w.set_stp2(coding.stop_bits == StopBits::Two);
-        });
-        UART1.uartcr().write(|w| {
-            w.set_uarten(true);
-            w.set_txe(true);
-            w.set_rxe(true);
-        });
-    });
-    BYTE_MICROS.store(coding.micros(1) as u32, Ordering::Relaxed);
-}
-
-/// Time of this number of bytes on the line. That of one is rounded down to a microsecond.
-pub(crate) fn line_time(bytes: u32) -> Duration {
-    Duration::from_micros(u64::from(BYTE_MICROS.load(Ordering::Relaxed)) * u64::from(bytes))
 }
 
 /// Reads and clears the errors.
@@ -203,32 +143,9 @@ pub(crate) fn set_transmit_requests(on: bool) {
     set_requests(|w| w.set_txdmae(on));
 }
 
-/// Starts the transmit DMA, which must have stopped. `bytes` must stay unchanged until it has.
-pub(crate) fn start_sending(bytes: &[u8]) {
-    IS_ENDING.store(false, Ordering::Relaxed);
-    LEN.store(bytes.len() as u32, Ordering::Relaxed);
-    let channel = DMA.ch(SENT);
-    channel.read_addr().write_value(bytes.as_ptr() as u32);
-    channel.write_addr().write_value(UART1.uartdr().as_ptr() as u32);
-    channel.trans_count().write_value(bytes.len() as u32);
-    DMA.inte(1).write_value(1 << SENT);
-    // The bytes are written before the DMA reads them.
-    fence(Ordering::Release);
-    channel.ctrl_trig().write(|w| {
-        w.set_en(true);
-        w.set_data_size(DataSize::SIZE_BYTE);
-        w.set_incr_read(true);
-        w.set_chain_to(SENT as u8);
-        w.set_treq_sel(TreqSel::UART1_TX);
-    });
-}
-
-/// Stops the transmit DMA. Bytes in the FIFO still go out.
-pub(crate) fn stop_sending() {
-    DMA.inte(1).write_value(0);
-    abort(&[SENT]);
-    // Their number is unknown: the alarm looks from now on.
-    LEN.store(0, Ordering::Relaxed);
+/// Returns true if the transmit DMA requests are enabled.
+pub(crate) fn has_transmit_requests() -> bool {
+    UART1.uartdmacr().read().txdmae()
 }
 
 /// Clears the interrupt of the transmit DMA.
@@ -236,41 +153,8 @@ pub(crate) fn clear_sent() {
     DMA.ints(1).write_value(1 << SENT);
 }
 
-/// Returns true: the FIFO has bytes when the DMA ends.
-pub(crate) fn sends_after_dma() -> bool {
-    true
-}
-
-/// Waits for the end of the burst with the alarm. False stops waiting.
-pub(crate) fn set_transmitted_interrupt(on: bool) {
-    IS_ENDING.store(on, Ordering::Relaxed);
-    if on {
-        let in_fifo = LEN.load(Ordering::Relaxed).min(FIFO);
-        set_end_alarm(now() + line_time(in_fifo.saturating_sub(1)));
-    }
-}
-
-/// Returns true between the end of the transmit DMA and that of the burst.
-pub(crate) fn is_waiting_for_end() -> bool {
-    IS_ENDING.load(Ordering::Relaxed)
-}
-
-/// Returns true when the last byte of a burst is on the line; on one wire, when it was sent.
-pub(crate) fn has_burst_ended() -> bool {
-    let flags = UART1.uartfr().read();
-    match is_half_duplex() {
-        true => !flags.busy(),
-        false => flags.txfe(),
-    }
-}
-
-/// Does nothing: [`is_transmitted`] is a state.
+/// Does nothing: [`Usart::is_transmitted`] is a state.
 pub(crate) fn clear_transmitted() {}
-
-/// Returns true if the last bit has been sent.
-pub(crate) fn is_transmitted() -> bool {
-    !UART1.uartfr().read().busy()
-}
 
 /// Drives the TX pin high, independent of the UART.
 pub(crate) fn hold_tx_high() {
@@ -289,30 +173,6 @@ fn set_function(function: Gpio0ctrlFuncsel) {
     critical_section::with(|_| IO_BANK0.gpio(TX).ctrl().modify(|w| w.set_funcsel(function.to_bits())));
 }
 
-/// Selects one wire for both directions, or two. Call this only on an idle line.
-///
-/// The UART has no such mode. The wire is connected to both pins, and the TX pin drives it only while bytes go out.
-pub(crate) fn set_half_duplex(on: bool) {
-    HALF_DUPLEX.store(on, Ordering::Relaxed);
-    // The wire floats between bytes: a pull-up keeps it high.
-    PADS_BANK0.gpio(TX).modify(|w| {
-        w.set_pue(on);
-        w.set_pde(false);
-    });
-    drive_tx(!on);
-}
-
-/// Returns true if one wire is selected: see [`set_half_duplex`].
-pub(crate) fn is_half_duplex() -> bool {
-    HALF_DUPLEX.load(Ordering::Relaxed)
-}
-
-/// Switches the receiver on or off. On one wire the TX pin drives it meanwhile.
-pub(crate) fn set_receiver(on: bool) {
-    critical_section::with(|_| UART1.uartcr().modify(|w| w.set_rxe(on)));
-    drive_tx(!on || !is_half_duplex());
-}
-
 /// Lets the TX pin drive the wire, or not.
 fn drive_tx(on: bool) {
     let over = match on {
@@ -320,4 +180,163 @@ fn drive_tx(on: bool) {
         false => Oeover::DISABLE,
     };
     critical_section::with(|_| IO_BANK0.gpio(TX).ctrl().modify(|w| w.set_oeover(over)));
+}
+
+/// The arm's UART: its registers, and what these do not show.
+pub(crate) struct Usart {
+    /// Time of a byte on the line in microseconds, rounded down.
+    byte_micros: AtomicU32,
+    /// One wire for both directions.
+    is_half_duplex: AtomicBool,
+    /// The DMA has handed over the last byte of a burst.
+    is_ending: AtomicBool,
+    /// The length of the burst.
+    len: AtomicU32,
+}
+
+impl Usart {
+    pub(crate) const fn new() -> Self {
+        Self {
+            byte_micros: AtomicU32::new(10),
+            is_half_duplex: AtomicBool::new(false),
+            is_ending: AtomicBool::new(false),
+            len: AtomicU32::new(0),
+        }
+    }
+
+    /// Enables the UART and the interrupt for errors.
+    pub(super) fn start(&self) {
+        PADS_BANK0.gpio(RX).modify(|w| {
+            // Without an arm the line must look idle.
+            w.set_pue(true);
+            w.set_pde(false);
+            w.set_ie(true);
+        });
+        IO_BANK0
+            .gpio(RX)
+            .ctrl()
+            .write(|w| w.set_funcsel(Gpio0ctrlFuncsel::UART0_TX.to_bits()));
+        self.configure(START);
+        UART1.uartimsc().write(|w| {
+            w.set_feim(true);
+            w.set_peim(true);
+            w.set_beim(true);
+            w.set_oeim(true);
+        });
+        release_tx();
+    }
+
+    /// Applies a line coding. The UART is disabled meanwhile (4.2.8, UARTLCR_H), and its FIFOs keep their bytes.
+    pub(crate) fn configure(&self, coding: LineCoding) {
+        critical_section::with(|_| {
+            UART1.uartcr().modify(|w| w.set_uarten(false));
+            // Divisor in 64ths (4.2.7.1), rounded.
+            let divisor = (u64::from(clk_peri_freq()) * 8 / u64::from(coding.baud)).div_ceil(2) as u32;
+            UART1.uartibrd().write(|w| w.set_baud_divint((divisor >> 6) as u16));
+            UART1.uartfbrd().write(|w| w.set_baud_divfrac((divisor & 0x3F) as u8));
+            UART1.uartlcr_h().write(|w| {
+                w.set_wlen(0b11);
+                w.set_fen(true);
+                w.set_pen(coding.parity != Parity::None);
+                w.set_eps(coding.parity == Parity::Even);
+                w.set_stp2(coding.stop_bits == StopBits::Two);
+            });
+            UART1.uartcr().write(|w| {
+                w.set_uarten(true);
+                w.set_txe(true);
+                w.set_rxe(true);
+            });
+        });
+        self.byte_micros.store(coding.micros(1) as u32, Ordering::Relaxed);
+    }
+
+    /// Time of this number of bytes on the line. That of one is rounded down to a microsecond.
+    pub(crate) fn line_time(&self, bytes: u32) -> Duration {
+        Duration::from_micros(u64::from(self.byte_micros.load(Ordering::Relaxed)) * u64::from(bytes))
+    }
+
+    /// Starts the transmit DMA, which must have stopped. `bytes` must stay unchanged until it has.
+    pub(crate) fn start_sending(&self, bytes: &[u8]) {
+        self.is_ending.store(false, Ordering::Relaxed);
+        self.len.store(bytes.len() as u32, Ordering::Relaxed);
+        let channel = DMA.ch(SENT);
+        channel.read_addr().write_value(bytes.as_ptr() as u32);
+        channel.write_addr().write_value(UART1.uartdr().as_ptr() as u32);
+        channel.trans_count().write_value(bytes.len() as u32);
+        DMA.inte(1).write_value(1 << SENT);
+        // The bytes are written before the DMA reads them.
+        fence(Ordering::Release);
+        channel.ctrl_trig().write(|w| {
+            w.set_en(true);
+            w.set_data_size(DataSize::SIZE_BYTE);
+            w.set_incr_read(true);
+            w.set_chain_to(SENT as u8);
+            w.set_treq_sel(TreqSel::UART1_TX);
+        });
+    }
+
+    /// Stops the transmit DMA. Bytes in the FIFO still go out.
+    pub(crate) fn stop_sending(&self) {
+        DMA.inte(1).write_value(0);
+        abort(&[SENT]);
+        // Their number is unknown: the alarm looks from now on.
+        self.len.store(0, Ordering::Relaxed);
+    }
+
+    /// Returns true: the FIFO has bytes when the DMA ends.
+    pub(crate) fn sends_after_dma(&self) -> bool {
+        true
+    }
+
+    /// Waits for the end of the burst with the alarm. False stops waiting.
+    pub(crate) fn set_transmitted_interrupt(&self, on: bool) {
+        self.is_ending.store(on, Ordering::Relaxed);
+        if on {
+            let in_fifo = self.len.load(Ordering::Relaxed).min(FIFO);
+            set_end_alarm(now() + self.line_time(in_fifo.saturating_sub(1)));
+        }
+    }
+
+    /// Returns true between the end of the transmit DMA and that of the burst.
+    pub(crate) fn is_waiting_for_end(&self) -> bool {
+        self.is_ending.load(Ordering::Relaxed)
+    }
+
+    /// Returns true when the last byte of a burst is on the line; on one wire, when it was sent.
+    pub(crate) fn has_burst_ended(&self) -> bool {
+        let flags = UART1.uartfr().read();
+        match self.is_half_duplex() {
+            true => !flags.busy(),
+            false => flags.txfe(),
+        }
+    }
+
+    /// Returns true if the last bit has been sent.
+    pub(crate) fn is_transmitted(&self) -> bool {
+        !UART1.uartfr().read().busy()
+    }
+
+    /// Selects one wire for both directions, or two. Call this only on an idle line.
+    ///
+    /// The UART has no such mode. The wire is connected to both pins, and the TX pin drives it only while bytes go out.
+    pub(crate) fn set_half_duplex(&self, on: bool) {
+        self.is_half_duplex.store(on, Ordering::Relaxed);
+        // The wire floats between bytes: a pull-up keeps it high.
+        PADS_BANK0.gpio(TX).modify(|w| {
+            w.set_pue(on);
+            w.set_pde(false);
+        });
+        drive_tx(!on);
+    }
+
+    /// Returns true if one wire is selected: see [`set_half_duplex`](Self::set_half_duplex).
+    pub(crate) fn is_half_duplex(&self) -> bool {
+        self.is_half_duplex.load(Ordering::Relaxed)
+    }
+
+    /// Switches the receiver on or off. On one wire the TX pin drives it meanwhile.
+    pub(crate) fn set_receiver(&self, on: bool) {
+        critical_section::with(|_| UART1.uartcr().modify(|w| w.set_rxe(on)));
+        drive_tx(!on || !self.is_half_duplex());
+    }
 }

@@ -8,11 +8,7 @@ use embassy_stm32::pac::gpio::vals::{Moder, Ot, Pupdr};
 use super::{TX_PIN, UART};
 
 pub(crate) use super::status::Status;
-pub(crate) use super::uart::{
-    clear_errors, clear_sent, clear_transmitted, configure_byte_mode, is_byte_waiting, is_transmitted,
-    keep_parity_error, must_keep_parity_errors, rx_data, rx_has_wrapped, rx_remaining, start_sending, stop_sending,
-    take_status,
-};
+pub(crate) use super::uart::{Usart, clear_sent, clear_transmitted, rx_data, rx_has_wrapped, rx_remaining};
 
 /// Enables the receive DMA, and the interrupts for an idle line and errors.
 pub(crate) fn start_receiving() {
@@ -57,16 +53,6 @@ pub(crate) fn set_transmit_requests(on: bool) {
     critical_section::with(|_| UART.cr3().modify(|w| w.set_dmat(on)));
 }
 
-/// Enables or disables the interrupt after the last bit.
-pub(crate) fn set_transmitted_interrupt(on: bool) {
-    critical_section::with(|_| UART.cr1().modify(|w| w.set_tcie(on)));
-}
-
-/// Returns true if the interrupt of [`set_transmitted_interrupt`] is pending.
-pub(crate) fn is_transmitted_interrupt() -> bool {
-    UART.cr1().read().tcie() && is_transmitted()
-}
-
 /// Drives the TX pin high, independent of the UART. A disabled UART leaves the pin floating, and the arm may read that
 /// as a start bit. The pin's port must have its clock.
 pub(crate) fn hold_tx_high() {
@@ -88,38 +74,50 @@ pub(crate) fn start_transmitter() {
     release_tx();
 }
 
-/// Selects one wire for both directions, on the TX pin, or two. Call this only on an idle line.
-///
-/// Bytes sent on one wire are also received, unless the receiver is off: [`set_receiver`].
-pub(crate) fn set_half_duplex(on: bool) {
-    // The wire floats between bytes: a pull-up keeps it high.
-    let (output, pull) = match on {
-        true => (Ot::OPEN_DRAIN, Pupdr::PULL_UP),
-        false => (Ot::PUSH_PULL, Pupdr::FLOATING),
-    };
-    let (port, pin, _) = TX_PIN;
-    port.otyper().modify(|w| w.set_ot(pin, output));
-    port.pupdr().modify(|w| w.set_pupdr(pin, pull));
-    // Newer UARTs ignore writes to HDSEL while they are enabled.
-    critical_section::with(|_| {
-        UART.cr1().modify(|w| w.set_ue(false));
-        UART.cr3().modify(|w| w.set_hdsel(on));
-        configure_byte_mode();
-        UART.cr1().modify(|w| w.set_ue(true));
-    });
-}
+impl Usart {
+    /// Enables or disables the interrupt after the last bit.
+    pub(crate) fn set_transmitted_interrupt(&self, on: bool) {
+        critical_section::with(|_| UART.cr1().modify(|w| w.set_tcie(on)));
+    }
 
-/// Returns true if one wire is selected: see [`set_half_duplex`].
-pub(crate) fn is_half_duplex() -> bool {
-    UART.cr3().read().hdsel()
-}
+    /// Returns true if the interrupt of [`set_transmitted_interrupt`](Self::set_transmitted_interrupt) is pending.
+    pub(crate) fn is_transmitted_interrupt(&self) -> bool {
+        UART.cr1().read().tcie() && self.is_transmitted()
+    }
 
-/// Returns true if a burst ends after its DMA: on a single wire, with its last bit.
-pub(crate) fn sends_after_dma() -> bool {
-    is_half_duplex()
-}
+    /// Selects one wire for both directions, on the TX pin, or two. Call this only on an idle line.
+    ///
+    /// Bytes sent on one wire are also received, unless the receiver is off: [`set_receiver`](Self::set_receiver).
+    pub(crate) fn set_half_duplex(&self, on: bool) {
+        // The wire floats between bytes: a pull-up keeps it high.
+        let (output, pull) = match on {
+            true => (Ot::OPEN_DRAIN, Pupdr::PULL_UP),
+            false => (Ot::PUSH_PULL, Pupdr::FLOATING),
+        };
+        let (port, pin, _) = TX_PIN;
+        port.otyper().modify(|w| w.set_ot(pin, output));
+        port.pupdr().modify(|w| w.set_pupdr(pin, pull));
+        // Newer UARTs ignore writes to HDSEL while they are enabled.
+        critical_section::with(|_| {
+            UART.cr1().modify(|w| w.set_ue(false));
+            UART.cr3().modify(|w| w.set_hdsel(on));
+            self.configure_byte_mode();
+            UART.cr1().modify(|w| w.set_ue(true));
+        });
+    }
 
-/// Switches the receiver on or off.
-pub(crate) fn set_receiver(on: bool) {
-    critical_section::with(|_| UART.cr1().modify(|w| w.set_re(on)));
+    /// Returns true if one wire is selected: see [`set_half_duplex`](Self::set_half_duplex).
+    pub(crate) fn is_half_duplex(&self) -> bool {
+        UART.cr3().read().hdsel()
+    }
+
+    /// Returns true if a burst ends after its DMA: on a single wire, with its last bit.
+    pub(crate) fn sends_after_dma(&self) -> bool {
+        self.is_half_duplex()
+    }
+
+    /// Switches the receiver on or off.
+    pub(crate) fn set_receiver(&self, on: bool) {
+        critical_section::with(|_| UART.cr1().modify(|w| w.set_re(on)));
+    }
 }

@@ -3,9 +3,9 @@
 
 use armwire_bridge::LineCoding;
 use embassy_stm32::interrupt::typelevel::Handler;
-use portable_atomic::{AtomicBool, AtomicU32, Ordering};
+use portable_atomic::Ordering;
 
-use super::super::state::{byte_at, wake, with_ring};
+use super::super::state::{STATE, byte_at, wake};
 use super::tail::tail;
 use crate::board::{TimerInterrupt, take_byte_alarm, usart, wake_byte_interrupt_in};
 
@@ -13,20 +13,18 @@ use crate::board::{TimerInterrupt, take_byte_alarm, usart, wake_byte_interrupt_i
 /// delayed by less.
 const LEAD: u32 = 20;
 
-/// The duration of a byte, in microseconds, rounded down.
-static BYTE_TIME: AtomicU32 = AtomicU32::new(0);
-/// The interrupt is off until the timer enables it.
-static ASLEEP: AtomicBool = AtomicBool::new(false);
-
 /// The line uses this coding.
 pub(super) fn set_coding(coding: LineCoding) {
-    BYTE_TIME.store(coding.micros(1) as u32, Ordering::Relaxed);
+    STATE
+        .interrupt
+        .byte_time
+        .store(coding.micros(1) as u32, Ordering::Relaxed);
 }
 
 /// Enables or disables the interrupt. The timer does not change that.
 pub(super) fn set(on: bool) {
     critical_section::with(|_| {
-        ASLEEP.store(false, Ordering::Relaxed);
+        STATE.interrupt.is_asleep.store(false, Ordering::Relaxed);
         usart::set_byte_interrupt(on);
     });
 }
@@ -37,11 +35,11 @@ pub(super) fn set(on: bool) {
 // Inline: it is executed for each byte.
 #[inline(always)]
 pub(super) fn sleep(bytes: usize) -> bool {
-    let time = (bytes as u32).saturating_mul(BYTE_TIME.load(Ordering::Relaxed));
+    let time = (bytes as u32).saturating_mul(STATE.interrupt.byte_time.load(Ordering::Relaxed));
     let is_long = time >= 2 * LEAD;
     if is_long {
         usart::set_byte_interrupt(false);
-        ASLEEP.store(true, Ordering::Relaxed);
+        STATE.interrupt.is_asleep.store(true, Ordering::Relaxed);
         wake_byte_interrupt_in(time - LEAD);
     }
     is_long
@@ -61,16 +59,16 @@ impl Handler<TimerInterrupt> for SleepHandler {
 /// Enables the interrupt. If the line has paused, the frame still lacks more bytes, and the sleep goes on.
 fn end_sleep() {
     critical_section::with(|_| {
-        if !ASLEEP.load(Ordering::Relaxed) {
+        if !STATE.interrupt.is_asleep.load(Ordering::Relaxed) {
             return;
         }
         let end = tail();
-        if sleep(with_ring(|ring| ring.quiet(end, byte_at))) {
+        if sleep(STATE.rx.ring(|ring| ring.quiet(end, byte_at))) {
             return;
         }
         set(true);
         // The timer was late: the bytes are passed on without a stamp.
-        if with_ring(|ring| ring.is_overdue(tail())) {
+        if STATE.rx.ring(|ring| ring.is_overdue(tail())) {
             wake();
         }
     });

@@ -12,54 +12,6 @@ use super::{RX_STREAM, TX_REQUEST, TX_STREAM, UART, UartInterrupt};
 
 /// PE, FE, NF, ORE and IDLE of SR.
 const FLAGS: u32 = 0b1_1111;
-/// The flags that the last read of SR showed.
-static SHOWN: AtomicU32 = AtomicU32::new(0);
-/// The flags from reads of SR that the interrupt handler has not processed.
-static PENDING: AtomicU32 = AtomicU32::new(0);
-/// Bytes have a parity bit.
-static HAS_PARITY: AtomicBool = AtomicBool::new(false);
-
-/// Reads SR for other bits than its flags. The DMA's read of DR then clears a flag that this read returned (RM0090
-/// 30.6.1): the flags are passed on to the interrupt handler, which is triggered.
-fn read_status() -> Sr {
-    critical_section::with(|_| {
-        let sr = UART.sr().read();
-        keep_flags(sr);
-        sr
-    })
-}
-
-/// Keeps the flags of SR for the interrupt handler. Call this in the critical section of the read of SR.
-fn keep_flags(sr: Sr) {
-    let flags = sr.0 & FLAGS;
-    let new = flags & !SHOWN.load(Ordering::Relaxed);
-    SHOWN.store(flags, Ordering::Relaxed);
-    if new != 0 {
-        PENDING.store(PENDING.load(Ordering::Relaxed) | new, Ordering::Relaxed);
-        UartInterrupt::pend();
-    }
-}
-
-/// Reads and clears the UART's flags.
-///
-/// A flag that is read while a byte waits stays set until the DMA has fetched that byte.
-pub(crate) fn take_status() -> Status {
-    let shown = critical_section::with(|_| {
-        let sr = UART.sr().read();
-        clear_flags(sr);
-        SHOWN.store(sr.0 & FLAGS, Ordering::Relaxed);
-        let pending = PENDING.load(Ordering::Relaxed);
-        PENDING.store(0, Ordering::Relaxed);
-        Sr(sr.0 | pending)
-    });
-    Status {
-        framing: shown.fe(),
-        parity: shown.pe(),
-        noise: shown.ne(),
-        overrun: shown.ore(),
-        idle: shown.idle(),
-    }
-}
 
 /// Clears the flags of SR, which was read just before: reading SR and then DR clears them (RM0090 30.6.1).
 ///
@@ -70,47 +22,6 @@ fn clear_flags(sr: Sr) {
     if sr.0 & FLAGS != 0 && !sr.rxne() {
         UART.dr().read();
     }
-}
-
-/// Clears errors that remain after the DMA has fetched their byte: a byte received between the two reads breaks the
-/// sequence.
-pub(crate) fn clear_errors() {
-    critical_section::with(|_| {
-        let sr = UART.sr().read();
-        if !sr.rxne() {
-            UART.dr().read();
-        }
-        keep_flags(sr);
-    });
-}
-
-/// Keeps the parity error of the next byte. Call this in the interrupt handler, right after [`is_byte_waiting`] has
-/// returned false.
-///
-/// After a read of SR, the DMA's next read or write of DR may clear a parity error that came in between, before the
-/// handler sees it (ES0182, "Parity Error (PE) flag can be cleared by writing to the data register"). A read of DR comes
-/// before the next byte.
-pub(crate) fn keep_parity_error() {
-    if must_keep_parity_errors() {
-        UART.dr().read();
-    }
-}
-
-/// Returns true if each byte needs [`keep_parity_error`].
-pub(crate) fn must_keep_parity_errors() -> bool {
-    HAS_PARITY.load(Ordering::Relaxed)
-}
-
-/// Configures the disabled UART for one byte at a time. This UART has no FIFOs.
-pub(crate) fn configure_byte_mode() {
-    HAS_PARITY.store(UART.cr1().read().pce(), Ordering::Relaxed);
-    // Tasks have read SR: see `keep_parity_error`.
-    clear_errors();
-}
-
-/// Returns true if a byte waits for the DMA.
-pub(crate) fn is_byte_waiting() -> bool {
-    read_status().rxne()
 }
 
 /// The DMA's source for received bytes.
@@ -130,32 +41,6 @@ pub(crate) fn rx_has_wrapped() -> bool {
     flags.htif(RX_STREAM % 4) && flags.tcif(RX_STREAM % 4)
 }
 
-/// Starts the transmit DMA, which must have stopped. `bytes` must stay unchanged until it has (RM0090 10.3.18).
-pub(crate) fn start_sending(bytes: &[u8]) {
-    clear_sent();
-    let stream = pac::DMA1.st(TX_STREAM);
-    stream.par().write_value(UART.dr().as_ptr() as u32);
-    stream.m0ar().write_value(bytes.as_ptr() as u32);
-    stream.ndtr().write(|w| w.set_ndt(bytes.len() as u16));
-    // The bytes are written before the DMA reads them.
-    fence(Ordering::Release);
-    stream.cr().write(|w| {
-        w.set_chsel(TX_REQUEST);
-        w.set_dir(Dir::MEMORY_TO_PERIPHERAL);
-        w.set_minc(true);
-        w.set_tcie(true);
-        w.set_en(true);
-    });
-}
-
-/// Stops the transmit DMA. Returns when it has no more access to the bytes.
-pub(crate) fn stop_sending() {
-    let stream = pac::DMA1.st(TX_STREAM);
-    stream.cr().write(|w| w.set_en(false));
-    while stream.cr().read().en() {}
-    clear_sent();
-}
-
 /// Clears the interrupt of the transmit DMA.
 pub(crate) fn clear_sent() {
     pac::DMA1.ifcr(TX_STREAM / 4).write(|w| {
@@ -168,7 +53,7 @@ pub(crate) fn clear_sent() {
     });
 }
 
-/// Makes [`is_transmitted`] refer to bytes sent from now on (RM0090 30.3.13).
+/// Makes [`Usart::is_transmitted`] refer to bytes sent from now on (RM0090 30.3.13).
 pub(crate) fn clear_transmitted() {
     // Writing 1 leaves the other flags unchanged.
     UART.sr().write(|w| {
@@ -177,7 +62,137 @@ pub(crate) fn clear_transmitted() {
     });
 }
 
-/// Returns true if the last bit has been sent.
-pub(crate) fn is_transmitted() -> bool {
-    read_status().tc()
+/// The arm's UART: its registers, and what these do not show.
+pub(crate) struct Usart {
+    /// The flags that the last read of SR showed.
+    shown: AtomicU32,
+    /// The flags from reads of SR that the interrupt handler has not processed.
+    pending: AtomicU32,
+    /// Bytes have a parity bit.
+    has_parity: AtomicBool,
+}
+
+impl Usart {
+    pub(crate) const fn new() -> Self {
+        Self {
+            shown: AtomicU32::new(0),
+            pending: AtomicU32::new(0),
+            has_parity: AtomicBool::new(false),
+        }
+    }
+
+    /// Reads SR for other bits than its flags. The DMA's read of DR then clears a flag that this read returned (RM0090
+    /// 30.6.1): the flags are passed on to the interrupt handler, which is triggered.
+    fn read_status(&self) -> Sr {
+        critical_section::with(|_| {
+            let sr = UART.sr().read();
+            self.keep_flags(sr);
+            sr
+        })
+    }
+
+    /// Keeps the flags of SR for the interrupt handler. Call this in the critical section of the read of SR.
+    fn keep_flags(&self, sr: Sr) {
+        let flags = sr.0 & FLAGS;
+        let new = flags & !self.shown.load(Ordering::Relaxed);
+        self.shown.store(flags, Ordering::Relaxed);
+        if new != 0 {
+            self.pending
+                .store(self.pending.load(Ordering::Relaxed) | new, Ordering::Relaxed);
+            UartInterrupt::pend();
+        }
+    }
+
+    /// Reads and clears the UART's flags.
+    ///
+    /// A flag that is read while a byte waits stays set until the DMA has fetched that byte.
+    pub(crate) fn take_status(&self) -> Status {
+        let shown = critical_section::with(|_| {
+            let sr = UART.sr().read();
+            clear_flags(sr);
+            self.shown.store(sr.0 & FLAGS, Ordering::Relaxed);
+            let pending = self.pending.load(Ordering::Relaxed);
+            self.pending.store(0, Ordering::Relaxed);
+            Sr(sr.0 | pending)
+        });
+        Status {
+            framing: shown.fe(),
+            parity: shown.pe(),
+            noise: shown.ne(),
+            overrun: shown.ore(),
+            idle: shown.idle(),
+        }
+    }
+
+    /// Clears errors that remain after the DMA has fetched their byte: a byte received between the two reads breaks the
+    /// sequence.
+    pub(crate) fn clear_errors(&self) {
+        critical_section::with(|_| {
+            let sr = UART.sr().read();
+            if !sr.rxne() {
+                UART.dr().read();
+            }
+            self.keep_flags(sr);
+        });
+    }
+
+    /// Keeps the parity error of the next byte. Call this in the interrupt handler, right after [`is_byte_waiting`](Self::is_byte_waiting) has
+    /// returned false.
+    ///
+    /// After a read of SR, the DMA's next read or write of DR may clear a parity error that came in between, before the
+    /// handler sees it (ES0182, "Parity Error (PE) flag can be cleared by writing to the data register"). A read of DR comes
+    /// before the next byte.
+    pub(crate) fn keep_parity_error(&self) {
+        if self.must_keep_parity_errors() {
+            UART.dr().read();
+        }
+    }
+
+    /// Returns true if each byte needs [`keep_parity_error`](Self::keep_parity_error).
+    pub(crate) fn must_keep_parity_errors(&self) -> bool {
+        self.has_parity.load(Ordering::Relaxed)
+    }
+
+    /// Configures the disabled UART for one byte at a time. This UART has no FIFOs.
+    pub(crate) fn configure_byte_mode(&self) {
+        self.has_parity.store(UART.cr1().read().pce(), Ordering::Relaxed);
+        // Tasks have read SR: see `keep_parity_error`.
+        self.clear_errors();
+    }
+
+    /// Returns true if a byte waits for the DMA.
+    pub(crate) fn is_byte_waiting(&self) -> bool {
+        self.read_status().rxne()
+    }
+
+    /// Starts the transmit DMA, which must have stopped. `bytes` must stay unchanged until it has (RM0090 10.3.18).
+    pub(crate) fn start_sending(&self, bytes: &[u8]) {
+        clear_sent();
+        let stream = pac::DMA1.st(TX_STREAM);
+        stream.par().write_value(UART.dr().as_ptr() as u32);
+        stream.m0ar().write_value(bytes.as_ptr() as u32);
+        stream.ndtr().write(|w| w.set_ndt(bytes.len() as u16));
+        // The bytes are written before the DMA reads them.
+        fence(Ordering::Release);
+        stream.cr().write(|w| {
+            w.set_chsel(TX_REQUEST);
+            w.set_dir(Dir::MEMORY_TO_PERIPHERAL);
+            w.set_minc(true);
+            w.set_tcie(true);
+            w.set_en(true);
+        });
+    }
+
+    /// Stops the transmit DMA. Returns when it has no more access to the bytes.
+    pub(crate) fn stop_sending(&self) {
+        let stream = pac::DMA1.st(TX_STREAM);
+        stream.cr().write(|w| w.set_en(false));
+        while stream.cr().read().en() {}
+        clear_sent();
+    }
+
+    /// Returns true if the last bit has been sent.
+    pub(crate) fn is_transmitted(&self) -> bool {
+        self.read_status().tc()
+    }
 }

@@ -13,6 +13,7 @@ use super::{Controller, can, clock, enable_port, flash, usb};
 use crate::board::{TimerHandler, UsbDriver};
 use crate::ceiling::DRIVERS;
 use crate::service::ServiceHandler;
+use crate::uart::state::STATE;
 use crate::uart::{InterruptHandler, RingHandler, SentHandler, SleepHandler};
 
 bind_interrupts!(struct Irqs {
@@ -51,7 +52,7 @@ pub(crate) fn init(watchdog: &mut Watchdog) -> Board {
     let Ok(uart) = UartRx::new_blocking(p.USART2, p.PA3, line) else {
         unreachable!()
     };
-    usart::set_half_duplex(false);
+    STATE.usart.set_half_duplex(false);
     usart::start_transmitter();
 
     Board {
