@@ -1,17 +1,19 @@
 //! The driver of the USB peripheral: the HAL's, extended for hosts that clear a halt or repeat SET_CONFIGURATION.
 //! [`usb_control`](super::usb_control) handles hosts that abandon a request. The registers are in the chip's [`usb`].
 
-use embassy_usb::driver::{self, EndpointAddress, EndpointAllocError, EndpointType, Event, Unsupported};
+use embassy_usb::driver::{
+    self, EndpointAddress, EndpointAllocError, EndpointError, EndpointInfo, EndpointType, Event, Unsupported,
+};
 
-use super::usb::{self, ENDPOINTS, Hal, HalBus, In, Out};
+use super::usb::{self, ENDPOINTS, Hal, HalBus, HalIn, HalOut};
 use super::usb_control::ControlPipe;
 
 /// The driver.
 pub(crate) struct UsbDriver(pub(super) Hal);
 
 impl driver::Driver<'static> for UsbDriver {
-    type EndpointOut = Out;
-    type EndpointIn = In;
+    type EndpointOut = Endpoint<HalOut>;
+    type EndpointIn = Endpoint<HalIn>;
     type ControlPipe = ControlPipe;
     type Bus = Bus;
 
@@ -21,9 +23,9 @@ impl driver::Driver<'static> for UsbDriver {
         address: Option<EndpointAddress>,
         max_packet_size: u16,
         interval_ms: u8,
-    ) -> Result<Out, EndpointAllocError> {
+    ) -> Result<Endpoint<HalOut>, EndpointAllocError> {
         let endpoint = self.0.alloc_endpoint_out(kind, address, max_packet_size, interval_ms);
-        endpoint.map(usb::endpoint_out)
+        endpoint.map(Endpoint)
     }
 
     fn alloc_endpoint_in(
@@ -32,14 +34,39 @@ impl driver::Driver<'static> for UsbDriver {
         address: Option<EndpointAddress>,
         max_packet_size: u16,
         interval_ms: u8,
-    ) -> Result<In, EndpointAllocError> {
+    ) -> Result<Endpoint<HalIn>, EndpointAllocError> {
         let endpoint = self.0.alloc_endpoint_in(kind, address, max_packet_size, interval_ms);
-        endpoint.map(usb::endpoint_in)
+        endpoint.map(Endpoint)
     }
 
     fn start(self, control_max_packet_size: u16) -> (Bus, ControlPipe) {
         let (bus, control) = self.0.start(control_max_packet_size);
         (Bus(bus), ControlPipe(control))
+    }
+}
+
+/// An endpoint other than 0.
+pub(crate) struct Endpoint<E>(E);
+
+impl<E: driver::Endpoint> driver::Endpoint for Endpoint<E> {
+    fn info(&self) -> &EndpointInfo {
+        self.0.info()
+    }
+
+    fn wait_enabled(&mut self) -> impl Future<Output = ()> {
+        self.0.wait_enabled()
+    }
+}
+
+impl driver::EndpointIn for Endpoint<HalIn> {
+    fn write(&mut self, packet: &[u8]) -> impl Future<Output = Result<(), EndpointError>> {
+        usb::write(&mut self.0, packet)
+    }
+}
+
+impl driver::EndpointOut for Endpoint<HalOut> {
+    fn read(&mut self, packet: &mut [u8]) -> impl Future<Output = Result<usize, EndpointError>> {
+        usb::read(&mut self.0, packet)
     }
 }
 

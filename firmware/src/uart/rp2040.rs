@@ -14,12 +14,12 @@ pub(super) mod interrupt;
 use core::marker::PhantomData;
 use core::sync::atomic::{AtomicU32, Ordering};
 
-use armwire_bridge::{Duration, Instant, LineCoding, RxRing};
+use armwire_bridge::{Duration, LineCoding, RxRing};
 
 use super::state::{BYTES, SIZE, STATE, byte_at, wake};
 use crate::board::hal::interrupt::typelevel::Handler;
 use crate::board::usart;
-use crate::board::{IdleInterrupt, RxInterrupt, UartInterrupt, clear_idle_alarm, has_passed, set_idle_alarm};
+use crate::board::{IdleInterrupt, RxInterrupt, Stamp, UartInterrupt, clear_idle_alarm, set_idle_alarm};
 use crate::ceiling::{SERVICE, mask};
 use crate::clock::now;
 
@@ -32,7 +32,7 @@ pub(crate) struct Dma;
 /// The receive DMA in operation.
 pub(super) struct Transfer<'a>(PhantomData<&'a mut Dma>);
 
-/// A stamp for each byte of the ring: the lower half of the clock.
+/// A [`Stamp`] for each byte of the ring.
 #[repr(align(4096))]
 struct Stamps([AtomicU32; SIZE]);
 
@@ -46,9 +46,12 @@ const IDLE_BYTES: u32 = 2;
 /// Tolerance of the clock and of the byte time, which are whole microseconds.
 const ROUNDING: Duration = Duration::from_micros(2);
 
-/// The shortest time after which the line is idle, that of [`IDLE_BYTES`] at 1 Mbaud. Above, no interrupt comes for each
-/// byte, either: at 2 Mbaud these would take more than half of the time.
-const SHORTEST: Duration = Duration::from_micros(20);
+/// The shortest time after which the line is idle, that of [`IDLE_BYTES`] at 1 Mbaud.
+const SHORTEST_IDLE: Duration = Duration::from_micros(20);
+
+/// The shortest time of [`IDLE_BYTES`] at which an interrupt comes for each byte: at 2 Mbaud the interrupts would take more
+/// than half of the time.
+const SHORTEST_INTERRUPTED: Duration = Duration::from_micros(20);
 
 /// Unread bytes at which bytes count as lost. The handlers see each byte before the rest of the ring is full.
 const FULL: usize = SIZE - 64;
@@ -63,7 +66,7 @@ pub(super) fn start(_: &mut Dma, _: LineCoding) -> Transfer<'_> {
     );
     usart::set_byte_interrupt(true);
     // The bridge may wait for an idle line after the bytes before this start.
-    STAMPS.0[SIZE - 1].store(now().as_micros() as u32, Ordering::Relaxed);
+    STAMPS.0[SIZE - 1].store(Stamp::from(now()).to_bits(), Ordering::Relaxed);
     STATE.interrupt.is_idle.store(false, Ordering::Relaxed);
     set_idle_alarm(idle_from(0));
     Transfer(PhantomData)
@@ -85,14 +88,8 @@ pub(super) fn tail() -> usize {
 }
 
 /// The stamp of the byte before a position.
-fn stamp(end: usize) -> u32 {
-    STAMPS.0[end.wrapping_sub(1) % SIZE].load(Ordering::Relaxed)
-}
-
-/// The arrival of the byte before a position.
-fn arrival(end: usize) -> Instant {
-    let now = now();
-    now - Duration::from_micros((now.as_micros() as u32).wrapping_sub(stamp(end)).into())
+fn stamp(end: usize) -> Stamp {
+    Stamp::from_bits(STAMPS.0[end.wrapping_sub(1) % SIZE].load(Ordering::Relaxed))
 }
 
 /// Looks for the events that the ring waits for among the unread bytes, and makes the handler look for later ones.
@@ -113,7 +110,7 @@ fn look(ring: &mut RxRing<SIZE>, count: usize, end: usize) -> bool {
         let quiet = ring.quiet(before, byte_at);
         if quiet == 0 {
             let after = (before + 1) % SIZE;
-            is_event |= ring.arrived(after, byte_at(before), || arrival(after));
+            is_event |= ring.arrived(after, byte_at(before), || stamp(after).latest());
         }
         left = left.saturating_sub(quiet.max(1));
     }
@@ -138,7 +135,7 @@ fn look_at_new() -> usize {
         }
         // Inside a frame the alarm for an idle line looks often enough.
         let is_inside = ring.quiet(end, byte_at) >= IDLE_BYTES as usize;
-        usart::set_byte_interrupt(!is_inside && STATE.usart.line_time(IDLE_BYTES) >= SHORTEST);
+        usart::set_byte_interrupt(!is_inside && STATE.usart.line_time(IDLE_BYTES) >= SHORTEST_INTERRUPTED);
         end
     })
 }
@@ -159,10 +156,10 @@ impl Handler<RxInterrupt> for RingHandler {
 }
 
 /// The time from which the line is idle, if the byte before `end` is the last: a byte that began in the first byte time
-/// after it has arrived in the second. It is the lower half of the clock.
-fn idle_from(end: usize) -> u32 {
-    let wait = STATE.usart.line_time(IDLE_BYTES).max(SHORTEST) + ROUNDING;
-    stamp(end).wrapping_add(wait.as_micros() as u32)
+/// after it has arrived in the second.
+fn idle_from(end: usize) -> Stamp {
+    let wait = STATE.usart.line_time(IDLE_BYTES).max(SHORTEST_IDLE) + ROUNDING;
+    stamp(end) + wait
 }
 
 /// Records an idle line.
@@ -173,7 +170,7 @@ impl Handler<IdleInterrupt> for IdleHandler {
         clear_idle_alarm();
         let end = look_at_new();
         let at = idle_from(end);
-        if !STATE.interrupt.is_idle.load(Ordering::Relaxed) && !has_passed(at) {
+        if !STATE.interrupt.is_idle.load(Ordering::Relaxed) && !at.has_passed() {
             return set_idle_alarm(at);
         }
         // The next byte starts the alarm.
@@ -183,7 +180,7 @@ impl Handler<IdleInterrupt> for IdleHandler {
             return;
         }
         STATE.interrupt.is_idle.store(true, Ordering::Relaxed);
-        let detected = arrival(end) + STATE.usart.line_time(1);
+        let detected = stamp(end).latest() + STATE.usart.line_time(1);
         if STATE.rx.ring(|ring| ring.idle(end, detected)) {
             wake();
         }

@@ -23,7 +23,7 @@ pub(crate) use led::Led;
 pub(crate) use mask::mask;
 pub(crate) use peripherals::*;
 pub(crate) use reset::{reset, take_reset};
-pub(crate) use time::{clear_burst_alarm, clear_idle_alarm, has_passed, set_end_alarm, set_idle_alarm, transmit_at};
+pub(crate) use time::{Stamp, clear_burst_alarm, clear_idle_alarm, set_end_alarm, set_idle_alarm, transmit_at};
 pub(crate) use uart as usart;
 pub(crate) use usb::{cancel_unfetched_packet, cancel_unfetched_packets};
 pub(crate) use watchdog::Watchdog;

@@ -3,11 +3,14 @@
 //! The HAL's driver is not used: its alarm does not run the service. Further alarms start and end a burst, and detect
 //! an idle line.
 
-use armwire_bridge::Instant;
+use core::ops::Add;
+
+use armwire_bridge::{Duration, Instant};
 use embassy_rp::interrupt::typelevel::Interrupt;
 use embassy_rp::pac::TIMER;
 
 use super::{BurstInterrupt, IdleInterrupt, TimerInterrupt};
+use crate::clock::now;
 
 /// The alarms: the next timer, the start and end of a burst, and an idle line.
 const NEXT: usize = 0;
@@ -16,6 +19,45 @@ const IDLE: usize = 2;
 
 /// The longest time to an alarm, which compares 32 bits.
 const LONGEST: u64 = 1 << 31;
+
+/// The lower half of a time in microseconds: the DMA stamps bytes with it, and an alarm compares it.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Stamp(u32);
+
+impl Stamp {
+    pub(crate) const fn from_bits(bits: u32) -> Self {
+        Self(bits)
+    }
+
+    pub(crate) const fn to_bits(self) -> u32 {
+        self.0
+    }
+
+    /// The last time with this lower half.
+    pub(crate) fn latest(self) -> Instant {
+        let now = now();
+        now - Duration::from_micros(Self::from(now).0.wrapping_sub(self.0).into())
+    }
+
+    /// Returns true if this time is at most half a turn of the counter ago.
+    pub(crate) fn has_passed(self) -> bool {
+        TIMER.timerawl().read().wrapping_sub(self.0) <= i32::MAX as u32
+    }
+}
+
+impl From<Instant> for Stamp {
+    fn from(at: Instant) -> Self {
+        Self(at.as_micros() as u32)
+    }
+}
+
+impl Add<Duration> for Stamp {
+    type Output = Self;
+
+    fn add(self, time: Duration) -> Self {
+        Self(self.0.wrapping_add(time.as_micros() as u32))
+    }
+}
 
 /// Starts the alarms. The timer runs.
 pub(super) fn start() {
@@ -32,12 +74,12 @@ pub(super) fn start() {
 ///
 /// The interrupt handler starts it: no task would be as punctual.
 pub(crate) fn transmit_at(at: Instant) {
-    set_alarm::<BurstInterrupt>(BURST, at.as_micros() as u32);
+    set_alarm::<BurstInterrupt>(BURST, at.into());
 }
 
 /// Looks for the end of a burst at `at`.
 pub(crate) fn set_end_alarm(at: Instant) {
-    set_alarm::<BurstInterrupt>(BURST, at.as_micros() as u32);
+    set_alarm::<BurstInterrupt>(BURST, at.into());
 }
 
 /// Clears the interrupt of the alarm of a burst.
@@ -45,8 +87,8 @@ pub(crate) fn clear_burst_alarm() {
     TIMER.intr().write(|w| w.set_alarm(BURST, true));
 }
 
-/// Looks for an idle line at `at`, the lower half of a time.
-pub(crate) fn set_idle_alarm(at: u32) {
+/// Looks for an idle line at `at`.
+pub(crate) fn set_idle_alarm(at: Stamp) {
     set_alarm::<IdleInterrupt>(IDLE, at);
 }
 
@@ -56,17 +98,12 @@ pub(crate) fn clear_idle_alarm() {
 }
 
 /// Sets an alarm, at most half a turn of the counter away. Its interrupt comes at once if the time has passed.
-fn set_alarm<I: Interrupt>(alarm: usize, at: u32) {
-    TIMER.alarm(alarm).write_value(at);
+fn set_alarm<I: Interrupt>(alarm: usize, at: Stamp) {
+    TIMER.alarm(alarm).write_value(at.to_bits());
     // The counter may have passed it in between.
-    if has_passed(at) {
+    if at.has_passed() {
         I::pend();
     }
-}
-
-/// Returns true if this time, the lower half, is at most half a turn of the counter ago.
-pub(crate) fn has_passed(at: u32) -> bool {
-    TIMER.timerawl().read().wrapping_sub(at) <= i32::MAX as u32
 }
 
 /// The time in microseconds.

@@ -11,7 +11,8 @@ use embassy_rp::pac::usb_dpram::regs::EpBufferControl;
 use embassy_rp::pac::{USB, USB_DPRAM};
 use embassy_rp::{peripherals, usb};
 use embassy_usb::driver::{
-    self, Bus as _, ControlPipe as _, Direction, EndpointAddress, EndpointError, EndpointInfo, Event,
+    self, Bus as _, ControlPipe as _, Direction, EndpointAddress, EndpointError, EndpointIn as _, EndpointOut as _,
+    Event,
 };
 
 use crate::board::usb_stage::{soon, wake_stage};
@@ -20,8 +21,8 @@ use crate::board::usb_stage::{soon, wake_stage};
 pub(in crate::board) type Hal = usb::Driver<'static, peripherals::USB>;
 pub(in crate::board) type HalBus = <Hal as driver::Driver<'static>>::Bus;
 pub(in crate::board) type HalControlPipe = <Hal as driver::Driver<'static>>::ControlPipe;
-type HalIn = <Hal as driver::Driver<'static>>::EndpointIn;
-type HalOut = <Hal as driver::Driver<'static>>::EndpointOut;
+pub(in crate::board) type HalIn = <Hal as driver::Driver<'static>>::EndpointIn;
+pub(in crate::board) type HalOut = <Hal as driver::Driver<'static>>::EndpointOut;
 
 /// Number of endpoints in each direction.
 pub(in crate::board) const ENDPOINTS: usize = 16;
@@ -169,54 +170,16 @@ fn is_active(endpoint: EndpointAddress) -> bool {
     }
 }
 
-/// An endpoint that does not end its halt.
-pub(in crate::board) fn endpoint_in(endpoint: HalIn) -> In {
-    In(endpoint)
+/// Writes a packet for the host.
+pub(in crate::board) async fn write(endpoint: &mut HalIn, packet: &[u8]) -> Result<(), EndpointError> {
+    wait_for_buffer(endpoint).await;
+    endpoint.write(packet).await
 }
 
-/// See [`endpoint_in`].
-pub(in crate::board) fn endpoint_out(endpoint: HalOut) -> Out {
-    Out(endpoint)
-}
-
-/// An IN endpoint.
-pub(crate) struct In(HalIn);
-
-impl driver::Endpoint for In {
-    fn info(&self) -> &EndpointInfo {
-        self.0.info()
-    }
-
-    async fn wait_enabled(&mut self) {
-        self.0.wait_enabled().await;
-    }
-}
-
-impl driver::EndpointIn for In {
-    async fn write(&mut self, packet: &[u8]) -> Result<(), EndpointError> {
-        wait_for_buffer(&mut self.0).await;
-        self.0.write(packet).await
-    }
-}
-
-/// An OUT endpoint.
-pub(crate) struct Out(HalOut);
-
-impl driver::Endpoint for Out {
-    fn info(&self) -> &EndpointInfo {
-        self.0.info()
-    }
-
-    async fn wait_enabled(&mut self) {
-        self.0.wait_enabled().await;
-    }
-}
-
-impl driver::EndpointOut for Out {
-    async fn read(&mut self, packet: &mut [u8]) -> Result<usize, EndpointError> {
-        wait_for_buffer(&mut self.0).await;
-        self.0.read(packet).await
-    }
+/// Reads a packet of the host.
+pub(in crate::board) async fn read(endpoint: &mut HalOut, packet: &mut [u8]) -> Result<usize, EndpointError> {
+    wait_for_buffer(endpoint).await;
+    endpoint.read(packet).await
 }
 
 /// Waits until the controller has no access to an endpoint's packet, and the endpoint is not halted. The HAL would end

@@ -14,7 +14,10 @@ use embassy_stm32::pac::common::{RW, Reg};
 use embassy_stm32::pac::otg::regs::Diepctl;
 use embassy_stm32::pac::otg::vals::Pktstsd;
 use embassy_stm32::{peripherals, usb};
-use embassy_usb::driver::{self, Bus as _, ControlPipe as _, Direction, EndpointAddress, EndpointError, Event};
+use embassy_usb::driver::{
+    self, Bus as _, ControlPipe as _, Direction, EndpointAddress, EndpointError, EndpointIn as _, EndpointOut as _,
+    Event,
+};
 
 use crate::board::usb_stage::{SETUP_ARRIVED, soon, wake_stage};
 
@@ -22,8 +25,8 @@ use crate::board::usb_stage::{SETUP_ARRIVED, soon, wake_stage};
 pub(in crate::board) type Hal = usb::Driver<'static, peripherals::USB_OTG_FS>;
 pub(in crate::board) type HalBus = <Hal as driver::Driver<'static>>::Bus;
 pub(in crate::board) type HalControlPipe = <Hal as driver::Driver<'static>>::ControlPipe;
-pub(in crate::board) type In = <Hal as driver::Driver<'static>>::EndpointIn;
-pub(in crate::board) type Out = <Hal as driver::Driver<'static>>::EndpointOut;
+pub(in crate::board) type HalIn = <Hal as driver::Driver<'static>>::EndpointIn;
+pub(in crate::board) type HalOut = <Hal as driver::Driver<'static>>::EndpointOut;
 
 /// Number of endpoints in each direction (RM0090 34.1).
 pub(in crate::board) const ENDPOINTS: usize = 4;
@@ -192,14 +195,17 @@ fn is_active(endpoint: EndpointAddress) -> bool {
     }
 }
 
-/// The endpoints are the HAL's.
-pub(in crate::board) fn endpoint_in(endpoint: In) -> In {
-    endpoint
+/// Writes a packet for the host.
+pub(in crate::board) fn write(endpoint: &mut HalIn, packet: &[u8]) -> impl Future<Output = Result<(), EndpointError>> {
+    endpoint.write(packet)
 }
 
-/// See [`endpoint_in`].
-pub(in crate::board) fn endpoint_out(endpoint: Out) -> Out {
-    endpoint
+/// Reads a packet of the host.
+pub(in crate::board) fn read(
+    endpoint: &mut HalOut,
+    packet: &mut [u8],
+) -> impl Future<Output = Result<usize, EndpointError>> {
+    endpoint.read(packet)
 }
 
 /// No state depends on events of the bus.

@@ -27,8 +27,8 @@ use crate::board::usb_stage::{SETUP_ARRIVED, soon, wake_stage};
 pub(in crate::board) type Hal = usb::Driver<'static, peripherals::USB>;
 pub(in crate::board) type HalBus = <Hal as driver::Driver<'static>>::Bus;
 pub(in crate::board) type HalControlPipe = <Hal as driver::Driver<'static>>::ControlPipe;
-type HalIn = <Hal as driver::Driver<'static>>::EndpointIn;
-type HalOut = <Hal as driver::Driver<'static>>::EndpointOut;
+pub(in crate::board) type HalIn = <Hal as driver::Driver<'static>>::EndpointIn;
+pub(in crate::board) type HalOut = <Hal as driver::Driver<'static>>::EndpointOut;
 
 /// The endpoint registers of the controller.
 pub(in crate::board) const ENDPOINTS: usize = 8;
@@ -189,10 +189,10 @@ pub(crate) fn cancel_unfetched_packet(endpoint: usize) -> bool {
     let before = critical_section::with(|_| {
         let before = status(address);
         if before == Stat::VALID {
-            // The host's acknowledgement sets NAK. If that comes between the read and the write of the register, the write
-            // sets STALL instead, until the next line: the host's next token comes later.
+            // The host's acknowledgement sets NAK. An acknowledgement between the read and the write of the register makes
+            // this write set STALL, until the loop below: the host's next token comes later.
             set_status(address, Stat::DISABLED);
-            // If it comes here, a write sets DISABLED instead, and is repeated.
+            // An acknowledgement here makes a write set DISABLED, which the loop repeats.
             while status(address) != Stat::NAK {
                 set_status(address, Stat::NAK);
             }
@@ -200,7 +200,7 @@ pub(crate) fn cancel_unfetched_packet(endpoint: usize) -> bool {
         before
     });
     match before {
-        // A packet on the wire is completed. It then counts as fetched.
+        // A packet on the wire is completed, and counts as fetched.
         Stat::VALID => drop(soon(|| !is_armed())),
         Stat::NAK => forget_fetched(address),
         _ => {}
@@ -221,83 +221,45 @@ pub(crate) fn cancel_unfetched_packets() {
     ARMED.store(0, Ordering::Relaxed);
 }
 
-/// The endpoint with access to the packet memory here.
-pub(in crate::board) fn endpoint_in(endpoint: HalIn) -> In {
-    In(endpoint)
-}
-
-/// See [`endpoint_in`].
-pub(in crate::board) fn endpoint_out(endpoint: HalOut) -> Out {
-    Out(endpoint)
-}
-
-/// An IN endpoint.
-pub(crate) struct In(HalIn);
-
-impl driver::Endpoint for In {
-    fn info(&self) -> &EndpointInfo {
-        self.0.info()
+/// Writes a packet for the host.
+pub(in crate::board) async fn write(endpoint: &mut HalIn, packet: &[u8]) -> Result<(), EndpointError> {
+    let &EndpointInfo {
+        addr: address,
+        max_packet_size,
+        ..
+    } = endpoint.info();
+    if packet.len() > max_packet_size.into() {
+        return Err(EndpointError::BufferOverflow);
     }
-
-    async fn wait_enabled(&mut self) {
-        self.0.wait_enabled().await;
-    }
-}
-
-impl driver::EndpointIn for In {
-    async fn write(&mut self, packet: &[u8]) -> Result<(), EndpointError> {
-        let &EndpointInfo {
-            addr: address,
-            max_packet_size,
-            ..
-        } = self.0.info();
-        if packet.len() > max_packet_size.into() {
-            return Err(EndpointError::BufferOverflow);
+    wait_for_nak(endpoint, address).await?;
+    store(address.index(), packet);
+    set_status(address, Stat::VALID);
+    critical_section::with(|_| {
+        // The host may have fetched it already. Or a bus reset occurred just now, and it will not be fetched.
+        if status(address) != Stat::NAK {
+            ARMED.fetch_or(1 << address.index(), Ordering::Relaxed);
         }
-        wait_for_nak(&mut self.0, address).await?;
-        store(address.index(), packet);
-        set_status(address, Stat::VALID);
-        critical_section::with(|_| {
-            // The host may have fetched it already. Or a bus reset occurred just now, and it will not be fetched.
-            if status(address) != Stat::NAK {
-                ARMED.fetch_or(1 << address.index(), Ordering::Relaxed);
-            }
-        });
-        Ok(())
-    }
+    });
+    Ok(())
 }
 
-/// An OUT endpoint.
-pub(crate) struct Out(HalOut);
-
-impl driver::Endpoint for Out {
-    fn info(&self) -> &EndpointInfo {
-        self.0.info()
+/// Reads a packet of the host.
+pub(in crate::board) async fn read(endpoint: &mut HalOut, packet: &mut [u8]) -> Result<usize, EndpointError> {
+    let address = endpoint.info().addr;
+    match wait_for_nak(endpoint, address).await {
+        // The packet was acknowledged: the host will not repeat it.
+        Err(EndpointError::Disabled) if take_unread(address) => return fetch(address.index(), packet),
+        waited => waited?,
     }
-
-    async fn wait_enabled(&mut self) {
-        self.0.wait_enabled().await;
-    }
-}
-
-impl driver::EndpointOut for Out {
-    async fn read(&mut self, packet: &mut [u8]) -> Result<usize, EndpointError> {
-        let address = self.0.info().addr;
-        match wait_for_nak(&mut self.0, address).await {
-            // The packet was acknowledged: the host will not repeat it.
-            Err(EndpointError::Disabled) if take_unread(address) => return fetch(address.index(), packet),
-            waited => waited?,
+    let len = fetch(address.index(), packet)?;
+    set_status(address, Stat::VALID);
+    critical_section::with(|_| {
+        // The host's next packet may have arrived.
+        if status(address) == Stat::VALID {
+            UNREAD.fetch_and(!(1 << address.index()), Ordering::Relaxed);
         }
-        let len = fetch(address.index(), packet)?;
-        set_status(address, Stat::VALID);
-        critical_section::with(|_| {
-            // The host's next packet may have arrived.
-            if status(address) == Stat::VALID {
-                UNREAD.fetch_and(!(1 << address.index()), Ordering::Relaxed);
-            }
-        });
-        Ok(len)
-    }
+    });
+    Ok(len)
 }
 
 /// Marks an endpoint's packet as read. Returns true if there was one.
