@@ -170,8 +170,8 @@ impl<const SIZE: usize> RxRing<SIZE> {
             }
             _ => return false,
         };
-        // Any other event, for example the idle line after the byte, reports it again.
-        if self.marks.back().is_none_or(|mark| mark.end != end) {
+        // Any other event, for example the idle line after the byte, reports it again, and so does a second look.
+        if self.marks.back().is_none_or(|mark| self.unread(mark.end) < self.unread(end)) {
             self.mark(end, now(), false);
         }
         self.wait = match terminator {

@@ -477,6 +477,19 @@ fn recorded_idle_lines_keep_their_order() {
     assert_eq!(marks, [14, 21]);
 }
 
+/// The handler has not looked at bytes that arrived while the task looked.
+#[test]
+fn bytes_looked_at_twice_have_one_mark() {
+    let mut ring = RxRing::<SIZE>::new();
+    ring.set(WAIT);
+    for end in [5, 6, 5, 6] {
+        ring.arrived(end, TERMINATOR, || Instant::ZERO);
+    }
+    let marks: Vec<_> = std::iter::from_fn(|| ring.take_mark(6)).map(|mark| mark.end).collect();
+    assert_eq!(marks, [5, 6]);
+    assert!(!ring.has_mark());
+}
+
 #[test]
 fn bytes_around_the_turn_are_two_ranges() {
     let mut ring = RxRing::<SIZE>::new();
