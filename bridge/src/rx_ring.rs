@@ -97,12 +97,10 @@ impl<const SIZE: usize> RxRing<SIZE> {
         }
     }
 
-    /// The DMA starts at position 0 again: unread bytes and marks are dropped. Returns true if the line was idle after
-    /// them.
-    pub fn restart(&mut self) -> bool {
-        let was_idle = self.marks.iter().any(|mark| mark.idle);
+    /// The DMA starts at position 0 again: unread bytes and marks are dropped. The line may have been idle after them:
+    /// report an idle line.
+    pub fn restart(&mut self) {
         *self = Self::new();
-        was_idle
     }
 
     /// Drops all bytes before `end`, all marks and the threshold: the DMA has overwritten unread bytes.
@@ -171,7 +169,11 @@ impl<const SIZE: usize> RxRing<SIZE> {
             _ => return false,
         };
         // Any other event, for example the idle line after the byte, reports it again, and so does a second look.
-        if self.marks.back().is_none_or(|mark| self.unread(mark.end) < self.unread(end)) {
+        if self
+            .marks
+            .back()
+            .is_none_or(|mark| self.unread(mark.end) < self.unread(end))
+        {
             self.mark(end, now(), false);
         }
         self.wait = match terminator {

@@ -103,7 +103,7 @@ impl Model {
                 }
             }
             Step::Restart => {
-                prop_assert_eq!(self.ring.restart(), self.idle.is_some());
+                self.ring.restart();
                 *self = Self {
                     now: self.now,
                     ..Self::default()

@@ -15,9 +15,9 @@
 //! | `usb` | the registers of the USB peripheral, behind [`usb_control`] and [`usb_driver`] |
 //! | `cancel_unfetched_packets()` | withdraws the packets in endpoints that the host will not fetch |
 //! | `cancel_unfetched_packet()` | withdraws the packet in one endpoint, while the host polls it |
-//! | `usart` | the registers of the arm's UART |
+//! | `usart`, `Usart` | the registers of the arm's UART, and what these do not show |
 //! | `UartInterrupt`, `RxInterrupt`, `TxInterrupt` | the interrupts of the arm's UART and of its DMA in each direction |
-//! | `time` | the counter of the clock and its alarm, for the [`timers`] |
+//! | `time`, `TimerInterrupt` | the counter of the clock and its alarm, for the [`timers`] |
 //! | `transmit_at()` | starts the DMA to the arm at a time |
 //! | `ServiceInterrupt` | the interrupt of a peripheral that is not used, for the [service](crate::service) |
 //! | `POLL_LEAD_TIME` | the time before its slot at which a poll is handed to the UART |

@@ -2,7 +2,7 @@
 
 use core::ops::Range;
 
-use armwire_bridge::{Bridge, Duration, Instant, LineCoding, RxRing, RxWait, UartEvent};
+use armwire_bridge::{Bridge, Instant, LineCoding, RxRing, RxWait, UartEvent};
 
 use super::chip::{self, Dma, Transfer, tail};
 use super::state::{STATE, WORD, word_at};
@@ -44,7 +44,7 @@ impl Reader {
             is_marked = true;
             if mark.idle {
                 // The detection takes one byte time.
-                let at = mark.at - Duration::from_micros(bridge.line_coding().micros(1));
+                let at = mark.at - chip::byte_time();
                 late = self.pass(bridge, mark.end, at);
                 frames = late + bridge.uart_event(UartEvent::Idle, mark.at);
             } else {
@@ -105,8 +105,6 @@ pub(super) struct Receiver {
     words: Words,
     /// Their place in `words`.
     rest: Range<usize>,
-    /// The line was idle after them.
-    idle: bool,
 }
 
 impl Receiver {
@@ -114,7 +112,6 @@ impl Receiver {
         Self {
             words: CLEAR,
             rest: 0..0,
-            idle: false,
         }
     }
 
@@ -122,21 +119,17 @@ impl Receiver {
     ///
     /// Since [`stop`](Self::stop) the UART may hold a byte, which is lost when the next one is in, too. No call of the
     /// bridge may come in between.
-    pub(super) fn start<'a>(&mut self, dma: &'a mut Dma, coding: LineCoding) -> Transfer<'a> {
+    pub(super) fn start<'a>(&self, dma: &'a mut Dma, coding: LineCoding) -> Transfer<'a> {
         // An interrupt handler in between would record an old position of the DMA in the new ring.
         critical_section::with(|_| {
-            self.idle = STATE.rx.ring(RxRing::restart);
+            STATE.rx.ring(RxRing::restart);
             chip::start(dma, coding)
         })
     }
 
-    /// Passes the bytes that were kept when the DMA was stopped to the bridge.
-    pub(super) fn pass_rest(&mut self, bridge: &mut Bridge) {
-        let at = now();
-        bridge.uart_received(&self.words.as_flattened()[self.rest.clone()], at);
-        if self.idle {
-            bridge.uart_event(UartEvent::Idle, at);
-        }
+    /// Passes the bytes that were kept when the DMA was stopped to the bridge. The start reports the idle line after them.
+    pub(super) fn pass_rest(&self, bridge: &mut Bridge) {
+        bridge.uart_received(&self.words.as_flattened()[self.rest.clone()], now());
     }
 
     /// Stops the DMA and keeps the unread bytes: those that arrived since the last of [`Reader::read`].

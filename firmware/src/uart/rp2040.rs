@@ -39,7 +39,9 @@ struct Stamps([AtomicU32; SIZE]);
 /// The alignment is that of a ring of the DMA.
 const _: () = assert!(align_of::<Stamps>() == 4 * SIZE);
 
+/// The stamps, written by the DMA.
 static STAMPS: Stamps = Stamps([const { AtomicU32::new(0) }; SIZE]);
+
 /// Number of byte times without a byte after which the line is idle.
 const IDLE_BYTES: u32 = 2;
 
@@ -57,7 +59,8 @@ const SHORTEST_INTERRUPTED: Duration = Duration::from_micros(20);
 const FULL: usize = SIZE - 64;
 
 /// Starts the DMA at the first position of the ring.
-pub(super) fn start(_: &mut Dma, _: LineCoding) -> Transfer<'_> {
+pub(super) fn start(_: &mut Dma, coding: LineCoding) -> Transfer<'_> {
+    STATE.usart.set_byte_time(coding);
     STATE.interrupt.seen.store(0, Ordering::Relaxed);
     usart::start_receiving(
         BYTES.address() as u32,
@@ -70,6 +73,11 @@ pub(super) fn start(_: &mut Dma, _: LineCoding) -> Transfer<'_> {
     STATE.interrupt.is_idle.store(false, Ordering::Relaxed);
     set_idle_alarm(idle_from(0));
     Transfer(PhantomData)
+}
+
+/// The duration of a byte since the last start, rounded down to a microsecond.
+pub(super) fn byte_time() -> Duration {
+    STATE.usart.line_time(1)
 }
 
 /// Stops the DMA.
@@ -180,7 +188,7 @@ impl Handler<IdleInterrupt> for IdleHandler {
             return;
         }
         STATE.interrupt.is_idle.store(true, Ordering::Relaxed);
-        let detected = stamp(end).latest() + STATE.usart.line_time(1);
+        let detected = stamp(end).latest() + byte_time();
         if STATE.rx.ring(|ring| ring.idle(end, detected)) {
             wake();
         }

@@ -16,11 +16,12 @@ mod byte_interrupt;
 pub(super) mod interrupt;
 mod tail;
 
-use armwire_bridge::{Instant, LineCoding, Parity, RxRing, StopBits};
+use armwire_bridge::{Duration, Instant, LineCoding, Parity, RxRing, StopBits};
 use embassy_stm32::dma::{Channel, TransferOptions};
 use embassy_stm32::interrupt::typelevel::Handler;
 use embassy_stm32::mode::Blocking;
 use embassy_stm32::usart::{self as hal, UartRx};
+use portable_atomic::Ordering;
 
 use super::state::{BYTES, SIZE, STATE, byte_at, wake};
 use super::transmit::transmission_complete;
@@ -59,6 +60,11 @@ pub(super) fn start(dma: &mut Dma, coding: LineCoding) -> Transfer<'_> {
     cortex_m::asm::delay(COUNT_CYCLES);
     STATE.rx.ring(|ring| ring.idle(tail(), now()));
     transfer
+}
+
+/// The duration of a byte since the last start, rounded down to a microsecond.
+pub(super) fn byte_time() -> Duration {
+    Duration::from_micros(STATE.interrupt.byte_time.load(Ordering::Relaxed).into())
 }
 
 /// Stops the stream.

@@ -81,5 +81,5 @@ fn rx_ring(bridge: &mut Bridge, now: Instant) {
     black_box(black_box(&*ring).unread(black_box(7)));
     black_box(black_box(&mut *ring).take(black_box(7), black_box(64)));
     black_box(&mut *ring).discard(black_box(7));
-    black_box(black_box(&mut *ring).restart());
+    black_box(&mut *ring).restart();
 }

@@ -247,6 +247,10 @@ impl Usart {
                 w.set_rxe(true);
             });
         });
+    }
+
+    /// [`line_time`](Self::line_time) is that of this coding from now on.
+    pub(crate) fn set_byte_time(&self, coding: LineCoding) {
         self.byte_micros.store(coding.micros(1) as u32, Ordering::Relaxed);
     }
 
