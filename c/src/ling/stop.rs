@@ -1,7 +1,7 @@
 //! Stopping an arm, and the meaning of its readings.
 
 use armwire::ling::stop::{Grip, Output, StopError, Stopped};
-use armwire::ling::{MotionStatus, Move, Opening, Request, Response, Stop};
+use armwire::ling::{GripperSpeed, JOINTS, MotionStatus, Move, Opening, Position, Request, Response, Speed, Stop};
 use armwire::time::Instant;
 
 use super::message::{ArmwireLingMove, ArmwireLingResponse};
@@ -186,8 +186,13 @@ pub extern "C" fn armwire_ling_joints_reached(
     let (Some(target), Some(Ok(Response::Joints(state)))) = (target, joints.map(ArmwireLingResponse::get)) else {
         return 0;
     };
-    let mut joints = target.position_ticks.iter().zip(state.joints);
-    joints
-        .all(|(target, ticks)| target.abs_diff(ticks) <= Move::JOINT_TOLERANCE)
-        .into()
+    let mut joints = [(Position::CENTRE, Speed::MAX); JOINTS];
+    for ((position, _), ticks) in joints.iter_mut().zip(target.position_ticks) {
+        match Position::new(ticks) {
+            Ok(target) => *position = target,
+            Err(_) => return 0,
+        }
+    }
+    let gripper = (Opening::CLOSED, GripperSpeed(0));
+    Move { joints, gripper }.are_joints_reached_by(&state).into()
 }

@@ -6,7 +6,7 @@ use std::fmt;
 use std::thread;
 use std::time::{Duration, Instant};
 
-use armwire::ling::arrival::{Arrival, Tolerances};
+use armwire::ling::arrival::{Arrival, Arrived, Tolerances};
 use armwire::ling::effect::{Effect, Outcome, ReadBack, Verdict};
 use armwire::ling::stop::{Grip, Stopped};
 use armwire::ling::{
@@ -436,8 +436,9 @@ impl Ling {
         loop {
             self.link.check_interrupt()?;
             let state = self.read_motion()?;
-            let Err(away) = arrival.on_joints(clock.now(), &state) else {
-                return Ok(state);
+            let away = match arrival.on_joints(clock.now(), &state) {
+                Arrived::NotYet(away) => away,
+                Arrived::AtTarget | Arrived::GripperStandsStill(_) => return Ok(state),
             };
             if clock.0.elapsed() >= limit {
                 let name = self.link.name().into();

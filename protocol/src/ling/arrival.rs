@@ -25,13 +25,15 @@ pub struct Away {
     pub gripper: Option<u16>,
 }
 
-/// The end of an arrival.
+/// The state of an arrival at a reading.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Arrived {
-    /// All axes are at the target.
+    /// Axes have not arrived yet.
+    NotYet(Away),
+    /// The end: all axes are at the target.
     AtTarget,
-    /// The joints are, and the gripper stands still away from it: it may hold something.
+    /// The end: the joints are at the target, and the gripper stands still away from it. It may hold something.
     GripperStandsStill(Away),
 }
 
@@ -59,16 +61,48 @@ impl Tolerances {
 }
 
 impl Move {
+    /// The distance of a joint from its target, in ticks, within which it has arrived: 0.26°.
+    pub const JOINT_TOLERANCE: u16 = 3;
+    /// The distance of the gripper from its target, in thousandths of the stroke, within which it has arrived.
+    pub const GRIPPER_TOLERANCE: u16 = 5;
+
+    /// Returns true if the joints and the gripper have arrived, within the tolerances.
+    ///
+    /// A gripper that holds an object does not arrive: see [`are_joints_reached_by`](Self::are_joints_reached_by).
+    ///
+    /// ```
+    /// use armwire::ling::{GripperSpeed, JointState, MotionStatus, Move, Opening, Position, Speed};
+    ///
+    /// let home = Move {
+    ///     joints: [(Position::CENTRE, Speed::MAX); 6],
+    ///     gripper: (Opening::CLOSED, GripperSpeed(1000)),
+    /// };
+    /// let mut state = JointState { joints: [2051; 6], gripper: 5, status: MotionStatus::Locked };
+    /// assert!(home.is_reached_by(&state));
+    /// state.gripper = 300;
+    /// assert!(!home.is_reached_by(&state) && home.are_joints_reached_by(&state));
+    /// ```
+    pub fn is_reached_by(&self, state: &JointState) -> bool {
+        self.away(state, &Tolerances::MOVE).is_none()
+    }
+
+    /// Returns true if all joints have arrived, within [`JOINT_TOLERANCE`](Self::JOINT_TOLERANCE).
+    pub fn are_joints_reached_by(&self, state: &JointState) -> bool {
+        self.away(state, &Tolerances::JOINTS).is_none()
+    }
+
     /// The axes of this reading that are not at the target.
     pub fn away(&self, state: &JointState, tolerances: &Tolerances) -> Option<Away> {
         let off = |target: u16, at: u16, tolerance: Option<u16>| {
             let distance = target.abs_diff(at);
             tolerance.filter(|tolerance| distance > *tolerance).map(|_| distance)
         };
-        let away = Away {
-            joints: core::array::from_fn(|n| off(self.joints[n].0.ticks(), state.joints[n], tolerances.joints[n])),
-            gripper: off(self.gripper.0.per_mille(), state.gripper, tolerances.gripper),
-        };
+        let mut away = Away::NOWHERE;
+        let axes = self.joints.iter().zip(state.joints).zip(tolerances.joints);
+        for (joint, (((target, _), ticks), tolerance)) in away.joints.iter_mut().zip(axes) {
+            *joint = off(target.ticks(), ticks, tolerance);
+        }
+        away.gripper = off(self.gripper.0.per_mille(), state.gripper, tolerances.gripper);
         (away != Away::NOWHERE).then_some(away)
     }
 }
@@ -99,23 +133,19 @@ impl Arrival {
         }
     }
 
-    /// Takes a reading that was made at `at`.
-    ///
-    /// # Errors
-    ///
-    /// The axes that have not arrived yet.
-    pub fn on_joints(&mut self, at: Instant, state: &JointState) -> Result<Arrived, Away> {
+    /// Takes a reading of the joints that arrived at `now`.
+    pub fn on_joints(&mut self, now: Instant, state: &JointState) -> Arrived {
         let since = match self.still {
             Some((since, before)) if before == state.gripper => since,
-            _ => at,
+            _ => now,
         };
         self.still = Some((since, state.gripper));
         match self.target.away(state, &self.tolerances) {
-            None => Ok(Arrived::AtTarget),
-            Some(away) if away.is_gripper_only() && at.since(since) >= Self::STANDSTILL => {
-                Ok(Arrived::GripperStandsStill(away))
+            None => Arrived::AtTarget,
+            Some(away) if away.is_gripper_only() && now.since(since) >= Self::STANDSTILL => {
+                Arrived::GripperStandsStill(away)
             }
-            Some(away) => Err(away),
+            Some(away) => Arrived::NotYet(away),
         }
     }
 }
@@ -177,9 +207,8 @@ mod tests {
     fn gripper_stands_still_while_its_reading_stays() {
         let mut arrival = Arrival::new(target(), Tolerances::MOVE);
         let mut ends = |millis, gripper| {
-            arrival
-                .on_joints(Instant::from_millis(millis), &state([2048; 6], gripper))
-                .is_ok()
+            let progress = arrival.on_joints(Instant::from_millis(millis), &state([2048; 6], gripper));
+            !matches!(progress, Arrived::NotYet(_))
         };
         let readings = [
             (10, 0),

@@ -221,42 +221,6 @@ fn encode(out: &mut [u8], command: u8, function: u8, data: &[u8]) -> Result<usiz
 }
 
 impl Move {
-    /// The distance of a joint from its target, in ticks, within which it has arrived: 0.26°.
-    pub const JOINT_TOLERANCE: u16 = 3;
-    /// The distance of the gripper from its target, in thousandths of the stroke, within which it has arrived.
-    pub const GRIPPER_TOLERANCE: u16 = 5;
-
-    /// Returns true if the joints and the gripper have arrived, within the tolerances.
-    ///
-    /// A gripper that holds an object does not arrive: see [`are_joints_reached_by`](Self::are_joints_reached_by).
-    ///
-    /// ```
-    /// use armwire::ling::{GripperSpeed, JointState, MotionStatus, Move, Opening, Position, Speed};
-    ///
-    /// let home = Move {
-    ///     joints: [(Position::CENTRE, Speed::MAX); 6],
-    ///     gripper: (Opening::CLOSED, GripperSpeed(1000)),
-    /// };
-    /// let mut state = JointState { joints: [2051; 6], gripper: 5, status: MotionStatus::Locked };
-    /// assert!(home.is_reached_by(&state));
-    /// state.gripper = 300;
-    /// assert!(!home.is_reached_by(&state) && home.are_joints_reached_by(&state));
-    /// ```
-    pub fn is_reached_by(&self, state: &JointState) -> bool {
-        self.are_joints_reached_by(state) && self.is_gripper_reached_by(state)
-    }
-
-    /// Returns true if all joints have arrived, within [`JOINT_TOLERANCE`](Self::JOINT_TOLERANCE).
-    pub fn are_joints_reached_by(&self, state: &JointState) -> bool {
-        let mut joints = self.joints.iter().zip(state.joints);
-        joints.all(|((target, _), ticks)| target.ticks().abs_diff(ticks) <= Self::JOINT_TOLERANCE)
-    }
-
-    /// Returns true if the gripper has arrived, within [`GRIPPER_TOLERANCE`](Self::GRIPPER_TOLERANCE).
-    pub const fn is_gripper_reached_by(&self, state: &JointState) -> bool {
-        self.gripper.0.per_mille().abs_diff(state.gripper) <= Self::GRIPPER_TOLERANCE
-    }
-
     const LEN: usize = (JOINTS + 1) * 4;
 
     fn to_data(self) -> [u8; Self::LEN] {
