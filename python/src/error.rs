@@ -51,7 +51,7 @@ pub(crate) fn exception(error: Error) -> PyErr {
         Error::Closed { .. } => ClosedError::new_err(text),
         Error::Legacy { .. } => OlderArmError::new_err(text),
         Error::Lost { .. } | Error::Stuck { .. } => PortLostError::new_err(text),
-        Error::Refused { .. } | Error::TorqueOff { .. } | Error::Contradicted { .. } | Error::Unsupported { .. } => {
+        Error::Refused { .. } | Error::TorqueOff { .. } | Error::NoEffect { .. } | Error::Unsupported { .. } => {
             RefusedError::new_err(text)
         }
         Error::ErrorFrame { .. } => ErrorFrameError::new_err(text),

@@ -17,7 +17,7 @@ use crate::joint_states::{Reading, to_move};
 use crate::motion::{Abort, Motion, Output};
 use crate::node::Endpoints;
 use crate::options::Arm;
-use crate::services::{Pending, refused};
+use crate::services::{Action, Pending, refused};
 use crate::source::{Input, Source};
 use crate::trajectory::{Joint, Refusal};
 
@@ -204,11 +204,8 @@ impl<'a, 'b> Session<'a, 'b> {
         self.latest = reading;
         let now = Instant::now();
         self.motion.on_reading(now, &self.latest);
-        for nth in (0..self.pending.len()).rev() {
-            if let Some(outcome) = self.pending[nth].outcome(at, state) {
-                let pending = self.pending.swap_remove(nth);
-                self.clients.respond(pending.effect(), pending.id, outcome);
-            }
+        for pending in &mut self.pending {
+            pending.on_joints(at, state);
         }
     }
 
@@ -244,9 +241,23 @@ impl<'a, 'b> Session<'a, 'b> {
                 let outcome = refused("sent, but not read back: another request followed");
                 self.clients.respond(earlier.effect(), earlier.id, outcome);
             }
-            self.stream.send(effect)?;
-            let pending = Pending::new(id, effect, stamps::now());
-            self.pending.push(pending);
+            self.pending.push(Pending::new(id, effect));
+            self.serve_pending()?;
+        }
+        self.serve_pending()
+    }
+
+    /// Sends new requests, and answers those that are read back.
+    fn serve_pending(&mut self) -> Result<(), Failure> {
+        for nth in (0..self.pending.len()).rev() {
+            match self.pending[nth].poll(stamps::now()) {
+                Action::Send(effect) => self.stream.send(effect)?,
+                Action::Wait => {}
+                Action::Answer(outcome) => {
+                    let pending = self.pending.swap_remove(nth);
+                    self.clients.respond(pending.effect(), pending.id, outcome);
+                }
+            }
         }
         Ok(())
     }

@@ -150,7 +150,7 @@ impl Motion {
     ///
     /// The reason for a refusal, which changes nothing.
     pub(crate) fn accept(&mut self, now: Instant, system: i64, order: Order) -> Result<(), Refusal> {
-        if self.reading.status.is_holding() == Some(false) {
+        if self.reading.status.is_torque_off() {
             return Err(Refusal::TorqueOff);
         }
         let lead = trajectory::lead(order.trajectory.header.stamp, system)?;
@@ -170,7 +170,7 @@ impl Motion {
     /// Takes a reading received at `now`.
     pub(crate) fn on_reading(&mut self, now: Instant, reading: &Reading) {
         self.reading = reading.clone();
-        if reading.status.is_holding() == Some(false) {
+        if reading.status.is_torque_off() {
             // A later torque-on must not resume it.
             self.abort(&Abort::TorqueLost);
             return;

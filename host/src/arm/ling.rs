@@ -7,11 +7,11 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use armwire::ling::arrival::{Arrival, Arrived, Tolerances};
-use armwire::ling::effect::{Effect, Outcome, ReadBack, Verdict};
+use armwire::ling::effect::{Effect, Outcome, Output};
 use armwire::ling::stop::{Grip, Stopped};
 use armwire::ling::{
-    GripperSpeed, Info, JOINTS, JointState, Move, Opening, PerServo, Position, Request, SelfCheck, Speed, Stroke,
-    TemperatureLimit, Torque,
+    GripperSpeed, Info, JOINTS, JointState, Move, Opening, PerServo, Position, ReadBack, Request, SelfCheck, Speed,
+    Stroke, TemperatureLimit, Torque,
 };
 
 use crate::arm::legacy;
@@ -118,7 +118,7 @@ impl Ling {
         if let Some(on_pose) = &mut self.on_pose {
             on_pose(state);
         }
-        self.may_move &= state.status.is_holding() != Some(false);
+        self.may_move &= !state.status.is_torque_off();
         Ok(true)
     }
 
@@ -297,7 +297,7 @@ impl Ling {
     ///
     /// # Errors
     ///
-    /// [`Error::Contradicted`] if the arm shows for 0.5 s that the torque was not switched.
+    /// [`Error::NoEffect`] if the arm shows for 0.5 s that the torque was not switched.
     pub fn set_torque(&mut self, torque: Torque) -> Result<Outcome, Error> {
         self.set(Effect::Torque(torque))
     }
@@ -306,7 +306,7 @@ impl Ling {
     ///
     /// # Errors
     ///
-    /// [`Error::Contradicted`] if the joints are not at zero for 0.5 s.
+    /// [`Error::NoEffect`] if the joints are not at zero for 0.5 s.
     pub fn set_zero(&mut self) -> Result<Outcome, Error> {
         self.set(Effect::Zero)
     }
@@ -322,20 +322,27 @@ impl Ling {
     }
 
     fn set(&mut self, effect: Effect) -> Result<Outcome, Error> {
-        self.send(effect)?;
         let clock = Stopwatch::start();
-        let read_back = ReadBack::new(effect, clock.now());
+        let mut read_back = ReadBack::new(effect);
         loop {
-            let state = self.read_joints()?;
-            match read_back.on_joints(clock.now(), &state) {
-                Some(outcome) if outcome.verdict == Verdict::Contradicted => {
-                    let name = self.link.name().into();
-                    return Err(Error::Contradicted { name, outcome });
+            match read_back.poll(clock.now()) {
+                Output::Request(Request::ReadJoints) => {
+                    let state = self.read_joints()?;
+                    read_back.on_joints(clock.now(), &state);
                 }
-                Some(outcome) => return Ok(outcome),
-                None => self.link.check_interrupt()?,
+                Output::Request(_) => self.send(effect)?,
+                Output::Wait(until) => {
+                    self.link.check_interrupt()?;
+                    thread::sleep(clock.until(until));
+                }
+                Output::Done(result) => {
+                    let name = self.link.name();
+                    return result.map_err(|cause| Error::NoEffect {
+                        name: name.into(),
+                        cause,
+                    });
+                }
             }
-            thread::sleep(POLL_PERIOD);
         }
     }
 
@@ -399,7 +406,7 @@ impl Ling {
             on_pose(*state);
         }
         self.last = Some(*state);
-        self.may_move = state.status.is_holding() != Some(false);
+        self.may_move = !state.status.is_torque_off();
         if !self.may_move {
             self.gripper = None;
         }

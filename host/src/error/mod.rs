@@ -13,7 +13,7 @@ use std::time::Duration;
 
 use armwire::ErrorFrame;
 use armwire::ling::arrival::Away;
-use armwire::ling::effect::Outcome;
+use armwire::ling::effect::EffectError;
 use armwire::ling::legacy::OlderGeneration;
 use armwire::ling::stop::Stopped;
 use armwire::ling::{JointState, MotionStatus};
@@ -74,8 +74,8 @@ pub enum Error {
         status: MotionStatus,
         effect: TorqueOffEffect,
     },
-    /// A request was sent, but the arm shows that it has no effect.
-    Contradicted { name: Outside, outcome: Outcome },
+    /// A request was sent, but no reading shows its effect.
+    NoEffect { name: Outside, cause: EffectError },
     /// The arm in motion did not answer for [`Ling::SILENCE`](crate::Ling::SILENCE), and was asked to stop.
     Unanswered { name: Outside, silence: Box<Silence> },
     /// The arm did not reach its target within the limit. It may move on.
@@ -198,7 +198,7 @@ impl Error {
             Self::TorqueOff { name, status, effect } => {
                 at(name, &format!("the torque is off (status {status}), so {effect}")).remedy(Remedy::TorqueOn)
             }
-            Self::Contradicted { name, outcome } => at(name, &outcome.to_string()),
+            Self::NoEffect { name, cause } => at(name, &cause.to_string()),
             Self::Unanswered { name, silence } => {
                 let seconds = silence::Silence::STOP.least().as_micros() / 1_000_000;
                 let what = at(name, &format!("no answer for {seconds} s during a motion (")).append(&silence.cause);

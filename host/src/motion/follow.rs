@@ -199,7 +199,7 @@ impl Follow {
 
     /// Takes a reading of the follower that was made at `at`.
     pub fn on_follower(&mut self, at: Instant, state: &JointState) {
-        if state.status.is_holding() == Some(false) {
+        if state.status.is_torque_off() {
             self.phase = match self.phase {
                 Phase::Ended(end) => Phase::Ended(end),
                 _ => Phase::Ended(End::TorqueOff(state.status)),

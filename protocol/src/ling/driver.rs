@@ -84,7 +84,7 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
         self.driver.send(&Request::Move(target)).await
     }
 
-    /// Switches the torque. The arm does not confirm it.
+    /// Switches the torque. The arm does not confirm it: a [`ReadBack`](super::ReadBack) does.
     pub async fn set_torque(&mut self, torque: Torque) -> Result<(), CallError<Port::Error>> {
         self.driver.send(&Request::SetTorque(torque)).await
     }
@@ -111,7 +111,8 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
         }
     }
 
-    /// Makes the present pose the zero position, and switches the torque off. The arm does not confirm it.
+    /// Makes the present pose the zero position, and switches the torque off. The arm does not confirm it: a
+    /// [`ReadBack`](super::ReadBack) does.
     pub async fn set_zero(&mut self) -> Result<(), CallError<Port::Error>> {
         self.driver.send(&Request::SetZero).await
     }

@@ -1,62 +1,123 @@
-//! Requests without an answer: what a reading shows of their effect.
+//! Setting what the arm does not confirm: readings in, requests out.
 
 use core::fmt;
 
 use super::{JointState, Move, Position, Request, Torque};
 use crate::time::{Duration, Instant};
 
+/// Time between two readings.
+const PERIOD: Duration = Duration::from_millis(20);
+
 /// The effect of a request that the arm does not answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Effect {
-    /// The torque is switched. Without it the arm falls.
+    /// The torque is on or off. Without it the arm falls.
     Torque(Torque),
-    /// The present pose becomes zero. The arm switches its torque off, and falls.
+    /// The present pose is zero. The arm switches its torque off, and falls.
     Zero,
 }
 
-/// What a reading says of an effect.
+/// The evidence for an effect in one reading.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Verdict {
-    /// It shows the effect.
+    /// The reading shows the effect.
     Confirmed,
-    /// It shows neither the effect nor its absence: see [`MotionStatus::is_holding`](super::MotionStatus::is_holding).
+    /// The reading shows neither the effect nor its absence. The status *overheating* is the same with and without torque.
     NotShown,
-    /// It shows that the effect is missing.
+    /// The reading shows that the effect is missing.
     Contradicted,
 }
 
-/// The end of a read-back. Its text is for people.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Outcome {
-    /// The effect that was asked for.
-    pub effect: Effect,
-    /// What the last reading says of it.
-    pub verdict: Verdict,
-    /// The last reading.
-    pub state: JointState,
-}
-
-/// The read-back of an effect: a state machine without I/O.
+/// Makes a request that the arm does not answer, and reads its effect back: a state machine without I/O.
+///
+/// The request is made once: a second zero would take the pose of an arm that falls. The first reading that shows the
+/// effect ends the read-back. Otherwise the last one within [`ReadBack::LIMIT`] decides. A reading that is not later than
+/// the request says nothing.
+///
+/// [`poll`](Self::poll) returns requests; the joints read by [`Request::ReadJoints`] go in by
+/// [`on_joints`](Self::on_joints). A failed read needs no call: it is repeated. A caller that gets readings anyway
+/// may ignore the requests for them.
 ///
 /// ```
-/// use armwire::ling::effect::{Effect, ReadBack, Verdict};
-/// use armwire::ling::{JointState, MotionStatus, Torque};
-/// use armwire::time::Instant;
+/// use armwire::ling::effect::{Effect, Output};
+/// use armwire::ling::{JointState, MotionStatus, ReadBack, Request, Torque};
+/// use armwire::time::{Duration, Instant};
 ///
-/// let read_back = ReadBack::new(Effect::Torque(Torque::On), Instant::ZERO);
-/// let state = JointState { joints: [2048; 6], gripper: 0, status: MotionStatus::Idle };
-/// assert_eq!(read_back.on_joints(Instant::from_millis(1), &state), None);
-/// let outcome = read_back.on_joints(Instant::from_millis(500), &state).unwrap();
-/// assert_eq!(outcome.verdict, Verdict::Contradicted);
+/// let state = JointState { joints: [2048; 6], gripper: 500, status: MotionStatus::Locked };
+/// let (mut read_back, mut now) = (ReadBack::new(Effect::Torque(Torque::On)), Instant::ZERO);
+/// let outcome = loop {
+///     match read_back.poll(now) {
+///         // Make the call here, and pass its answer in.
+///         Output::Request(Request::ReadJoints) => read_back.on_joints(now, &state),
+///         Output::Request(request) => assert_eq!(request, Request::SetTorque(Torque::On)),
+///         Output::Wait(until) => now = until,
+///         Output::Done(result) => break result?,
+///     }
+///     now += Duration::from_millis(1);
+/// };
+/// assert_eq!(outcome.to_string(), "torque on: the arm holds its position (status locked)");
+/// # Ok::<(), armwire::ling::effect::EffectError>(())
 /// ```
 #[derive(Clone, Copy, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct ReadBack {
     effect: Effect,
-    sent: Instant,
+    /// The time of the request.
+    sent: Option<Instant>,
+    /// The last reading after the request.
+    last: Option<JointState>,
+    step: Step,
+}
+
+#[derive(Clone, Copy, Debug)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+enum Step {
+    Send,
+    /// The time of the next reading.
+    Read(Instant),
+    End(Result<Outcome, EffectError>),
+}
+
+/// The next action for the caller of a [`ReadBack`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Output {
+    /// Make this request. Pass the answer of [`Request::ReadJoints`] to [`ReadBack::on_joints`].
+    Request(Request),
+    /// Poll again at this time.
+    Wait(Instant),
+    /// The end. Later polls return it again.
+    Done(Result<Outcome, EffectError>),
+}
+
+/// End of a read-back that contradicts nothing. Its text is for people.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Outcome {
+    /// The effect.
+    pub effect: Effect,
+    /// True if the last reading shows the effect: [`Verdict::Confirmed`]. False for [`Verdict::NotShown`].
+    pub is_shown: bool,
+    /// The last reading.
+    pub state: JointState,
+}
+
+/// The reason why a request may have no effect.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
+pub enum EffectError {
+    /// The last reading shows that the effect is missing: [`Verdict::Contradicted`].
+    Contradicted {
+        /// The effect.
+        effect: Effect,
+        /// The last reading.
+        state: JointState,
+    },
+    /// No reading came.
+    NoReading(Effect),
 }
 
 impl Effect {
@@ -73,7 +134,7 @@ impl Effect {
         !matches!(self, Self::Torque(Torque::On))
     }
 
-    /// What this reading says of it.
+    /// The evidence for this effect in a reading: the status for the torque, the joints for zero.
     pub fn verdict(self, state: &JointState) -> Verdict {
         let is_shown = match self {
             Self::Torque(torque) => state.status.is_holding().map(|holds| holds == (torque == Torque::On)),
@@ -94,43 +155,120 @@ impl ReadBack {
     /// The time after the request within which a reading must show the effect.
     pub const LIMIT: Duration = Duration::from_millis(500);
 
-    /// The read-back of a request that was sent at this time.
-    pub const fn new(effect: Effect, sent: Instant) -> Self {
-        Self { effect, sent }
+    /// A read-back of this effect. Its request is the first action.
+    pub const fn new(effect: Effect) -> Self {
+        Self {
+            effect,
+            sent: None,
+            last: None,
+            step: Step::Send,
+        }
     }
 
-    /// The effect that is read back.
+    /// The effect.
     pub const fn effect(&self) -> Effect {
         self.effect
     }
 
-    /// Takes a reading that was made at `at`: one that is not later than the request says nothing. Returns the outcome of
-    /// the first reading that shows the effect, or of the first one after [`LIMIT`](Self::LIMIT).
-    pub fn on_joints(&self, at: Instant, state: &JointState) -> Option<Outcome> {
-        let (effect, state) = (self.effect, *state);
-        let verdict = effect.verdict(&state);
-        let is_over = verdict == Verdict::Confirmed || at.since(self.sent) >= Self::LIMIT;
-        (at > self.sent && is_over).then_some(Outcome { effect, verdict, state })
+    /// True once the request was an action.
+    pub const fn is_sent(&self) -> bool {
+        self.sent.is_some()
+    }
+
+    /// The result; `None` before the end.
+    pub const fn result(&self) -> Option<Result<Outcome, EffectError>> {
+        match self.step {
+            Step::End(result) => Some(result),
+            Step::Send | Step::Read(_) => None,
+        }
+    }
+
+    /// The next action.
+    pub fn poll(&mut self, now: Instant) -> Output {
+        let limit = self.sent.map(|sent| sent + Self::LIMIT);
+        match self.step {
+            Step::Send => {
+                self.sent = Some(now);
+                self.step = Step::Read(now);
+                Output::Request(self.effect.request())
+            }
+            Step::Read(_) if limit.is_some_and(|limit| now >= limit) => {
+                let result = self.end();
+                self.step = Step::End(result);
+                Output::Done(result)
+            }
+            Step::Read(at) if at > now => Output::Wait(limit.map_or(at, |limit| at.min(limit))),
+            Step::Read(_) => {
+                self.step = Step::Read(now + PERIOD);
+                Output::Request(Request::ReadJoints)
+            }
+            Step::End(result) => Output::Done(result),
+        }
+    }
+
+    /// Takes a reading of the joints that arrived at `now`.
+    pub fn on_joints(&mut self, now: Instant, state: &JointState) {
+        if let Step::Read(_) = self.step
+            && self.sent.is_some_and(|sent| now > sent)
+        {
+            self.last = Some(*state);
+            if self.effect.verdict(state) == Verdict::Confirmed {
+                self.step = Step::End(self.end());
+            }
+        }
+    }
+
+    /// The end by the last reading.
+    fn end(&self) -> Result<Outcome, EffectError> {
+        let effect = self.effect;
+        let state = self.last.ok_or(EffectError::NoReading(effect))?;
+        let is_shown = match effect.verdict(&state) {
+            Verdict::Confirmed => true,
+            Verdict::NotShown => false,
+            Verdict::Contradicted => return Err(EffectError::Contradicted { effect, state }),
+        };
+        Ok(Outcome {
+            effect,
+            is_shown,
+            state,
+        })
     }
 }
 
 impl fmt::Display for Outcome {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (request, state, status) = (self.effect.request(), self.state, self.state.status);
-        match (self.verdict, self.effect) {
-            (Verdict::Confirmed, Effect::Torque(Torque::On)) => {
+        match (self.is_shown, self.effect) {
+            (true, Effect::Torque(Torque::On)) => {
                 write!(f, "torque on: the arm holds its position (status {status})")
             }
-            (Verdict::Confirmed, Effect::Torque(Torque::Off)) => {
+            (true, Effect::Torque(Torque::Off)) => {
                 write!(f, "torque off: the arm can be moved by hand (status {status})")
             }
-            (Verdict::Confirmed, Effect::Zero) => write!(f, "zero set: {state}"),
-            (Verdict::NotShown, _) => write!(f, "{request}: sent; status {status} does not show its effect"),
-            (Verdict::Contradicted, Effect::Torque(_)) => write!(f, "{request} was sent, but the status is {status}"),
-            (Verdict::Contradicted, Effect::Zero) => write!(f, "{request} was sent, but the arm reports {state}"),
+            (true, Effect::Zero) => write!(f, "zero set: {state}"),
+            (false, _) => write!(f, "{request}: sent; status {status} does not show its effect"),
         }
     }
 }
+
+impl fmt::Display for EffectError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Contradicted { effect, state } => {
+                write!(f, "{} was sent, but ", effect.request())?;
+                match effect {
+                    Effect::Torque(_) => write!(f, "the status is {}", state.status),
+                    Effect::Zero => write!(f, "the arm reports {state}"),
+                }
+            }
+            Self::NoReading(effect) => {
+                write!(f, "{} was sent, but no reading came within 0.5 s", effect.request())
+            }
+        }
+    }
+}
+
+impl core::error::Error for EffectError {}
 
 #[cfg(test)]
 mod tests {
@@ -145,26 +283,20 @@ mod tests {
         }
     }
 
-    /// The one table: what every status says of a torque that was switched on, and off.
+    /// The one table: the verdict of every status on torque-on, and on torque-off.
     #[test]
     fn every_status_has_a_verdict() {
         use Verdict::{Confirmed, Contradicted, NotShown};
         for code in 0..=u8::MAX {
             let status = MotionStatus::from(code);
-            let expected = match status {
-                MotionStatus::Locked | MotionStatus::SyncLocked => (Confirmed, Contradicted),
-                MotionStatus::Idle | MotionStatus::OverheatProtection => (Contradicted, Confirmed),
-                MotionStatus::Syncing | MotionStatus::Overheating | MotionStatus::Other(_) => (NotShown, NotShown),
+            let expected = match code {
+                0x01 | 0x11 => (Confirmed, Contradicted),
+                0x00 | 0xE2 => (Contradicted, Confirmed),
+                _ => (NotShown, NotShown),
             };
-            let [on, off] = [Torque::On, Torque::Off].map(|torque| {
-                let read_back = ReadBack::new(Effect::Torque(torque), Instant::ZERO);
-                let outcome = |millis| read_back.on_joints(Instant::from_millis(millis), &state(0, status));
-                assert_eq!(outcome(0), None, "made before the request");
-                let last = outcome(500).unwrap().verdict;
-                assert_eq!(outcome(1).is_some(), last == Confirmed, "{status}");
-                last
-            });
-            assert_eq!((on, off), expected, "{status}");
+            let verdict = |torque| Effect::Torque(torque).verdict(&state(0, status));
+            assert_eq!((verdict(Torque::On), verdict(Torque::Off)), expected, "{status}");
+            assert_eq!(status.is_torque_off(), expected.1 == Confirmed, "{status}");
         }
     }
 

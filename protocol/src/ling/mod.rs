@@ -31,6 +31,7 @@ mod value;
 pub use correlation::Key;
 #[cfg(feature = "async")]
 pub use driver::Arm;
+pub use effect::ReadBack;
 pub use frame::{
     Frame, MAX_DATA, MAX_FRAME, OVERHEAD, READ_INFO, READ_JOINTS, SELF_CHECK, TAIL, TORQUE_OFF, TORQUE_ON, checksum,
 };

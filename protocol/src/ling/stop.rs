@@ -214,8 +214,7 @@ impl Stop {
 
     /// The step after a reading. `None` while the arm may still move.
     fn judge(&mut self, now: Instant, state: &JointState) -> Option<Step> {
-        let is_holding = state.status.is_holding();
-        if is_holding == Some(false) {
+        if state.status.is_torque_off() {
             return Some(Step::End(Ok(Stopped::WithoutTorque(*state))));
         }
         let joints = match state.positions() {
@@ -253,7 +252,7 @@ impl Stop {
             None => Grip::Reading,
         };
         let stopped = Stopped::AtRest { state: *state, grip };
-        Some(match is_holding {
+        Some(match state.status.is_holding() {
             Some(true) => Step::EndStream(stopped),
             _ => Step::End(Ok(stopped)),
         })

@@ -396,6 +396,11 @@ impl MotionStatus {
             Self::Syncing | Self::Overheating | Self::Other(_) => None,
         }
     }
+
+    /// True if the torque is off. False if it is on, and if the status does not show it.
+    pub const fn is_torque_off(self) -> bool {
+        matches!(self.is_holding(), Some(false))
+    }
 }
 
 impl From<u8> for MotionStatus {

@@ -233,7 +233,7 @@ impl Replay {
     }
 
     fn take(&mut self, at: Instant, reading: &JointState) -> Result<(), Failure> {
-        if reading.status.is_holding() == Some(false) {
+        if reading.status.is_torque_off() {
             return Err(Failure::TorqueOff(reading.status));
         }
         let Some(arm) = &mut self.arm else {
