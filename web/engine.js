@@ -52,6 +52,9 @@ export class Engine {
 
   state() { return STATES[this.#wasm.session_state(this.#engine)]; }
   stopState() { return STOPS[this.#wasm.session_stop_state(this.#engine)]; }
+  // The result of the last change of the torque; empty before it, and after the next motion or stop has begun.
+  torqueResult() { return this.#text(this.#wasm.arm_text(this.#engine, 3)); }
+  torqueHasFailed() { return this.#wasm.session_torque_has_failed(this.#engine) !== 0; }
   block(now) { return BLOCKS[this.#wasm.session_block(this.#engine, now)]; }
 
   // The arm's last readings. Missing numbers are NaN, missing texts are empty.

@@ -524,8 +524,10 @@ class Page {
     const output = element('block');
     const stop = this.#engine.stopState();
     const hasFailed = stop === 'failed';
-    output.classList.toggle('warn', hasFailed || (block !== null && isHeld));
-    const text = block && !hasFailed ? BLOCK_TEXTS[block] : STOP_TEXTS[stop];
+    output.classList.toggle('warn', hasFailed || this.#engine.torqueHasFailed() || (block !== null && isHeld));
+    const torque = this.#engine.torqueResult();
+    let text = block && !hasFailed ? BLOCK_TEXTS[block] : STOP_TEXTS[stop];
+    if (torque && !hasFailed) text = `${torque[0].toUpperCase()}${torque.slice(1)}.`;
     set(output, text ?? 'Hold a key or button to move. Release it to stop.');
   }
 

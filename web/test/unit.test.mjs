@@ -4,6 +4,7 @@ import fs from 'node:fs';
 import path from 'node:path';
 import { test } from 'node:test';
 import { pathToFileURL } from 'node:url';
+import { crc32 } from 'node:zlib';
 
 const folder = process.env.ARMWIRE_PAGE;
 const load = (name) => import(pathToFileURL(path.join(folder, name)));
@@ -55,6 +56,40 @@ test('a session reads the identity and position of the virtual arm', async () =>
   assert.deepEqual(bench.engine.temperatures(), new Array(10).fill(25));
   assert.equal(bench.engine.stroke(), 50);
   assert.equal(bench.engine.selfCheck(), 0x3ff);
+});
+
+// The answer with the joints, all at these ticks, and this status.
+const joints = (ticks, status) => {
+  const body = Buffer.alloc(18);
+  body.set([0x06, 0x00, 15]);
+  for (let joint = 0; joint < 6; joint++) body.writeUInt16LE(ticks, 3 + 2 * joint);
+  body.writeUInt16LE(500, 15);
+  body[17] = status;
+  return Uint8Array.from([0xaa, ...body, crc32(body) & 0xff, 0xff]);
+};
+
+test('rows of readings have their verdicts', async () => {
+  const rows = fs.readFileSync(new URL('../../protocol/tests/effects.txt', import.meta.url), 'utf8');
+  const isTorque = (row) => row.startsWith('torque');
+  for (const row of rows.split('\n').filter(isTorque)) {
+    const [effect, status, ticks, change, laterStatus, laterTicks, verdict] = row.split(/ +/);
+    const session = await engine();
+    session.startSession(0);
+    let requested = Infinity;
+    for (let millis = 0; millis < 1200; millis++) {
+      const now = 1000 * millis;
+      if (millis === 500) session.setTorque(now, effect === 'torque-on');
+      for (let frame; (frame = session.transmit(now)).length > 0; ) {
+        if (frame[1] === 0x05) requested = Math.min(requested, millis);
+        if (frame[1] !== 0x06 || frame[2] !== 0x00) continue;
+        const hasChanged = millis - requested >= Number(change);
+        session.receive(now, joints(Number(hasChanged ? laterTicks : ticks), Number.parseInt(hasChanged ? laterStatus : status, 16)));
+      }
+    }
+    const texts = { 'confirmed': /^torque (on: the arm holds|off: the arm can)/, 'not-shown': /does not show its effect$/, 'contradicted': / was sent, but / };
+    assert.match(session.torqueResult(), texts[verdict], row);
+    assert.equal(session.torqueHasFailed(), verdict === 'contradicted', row);
+  }
 });
 
 test('a held axis moves and a released one stops', async () => {

@@ -4,11 +4,12 @@
 
 use std::num::NonZeroU32;
 
+use armwire::ling::effect::{self, Effect, EffectError, Outcome};
 use armwire::ling::legacy::Detector;
 use armwire::ling::stop::{self, Grip, StopError, Stopped};
 use armwire::ling::{
-    Info, JointState, Ling, LingClient, MAX_FRAME, Opening, PerServo, Request, Response, SelfCheck, Speed, Stop,
-    Stroke, Torque,
+    Info, JointState, Ling, LingClient, MAX_FRAME, Opening, PerServo, ReadBack, Request, Response, SelfCheck, Speed,
+    Stop, Stroke, Torque,
 };
 use armwire::messages::Messages;
 use armwire::time::{Duration, Instant};
@@ -145,8 +146,8 @@ pub struct Session {
     state: State,
     motion_enabled: bool,
     listen_until: Instant,
-    /// Torque on or off, as requested by the user. It is sent before all other requests.
-    torque: Option<Torque>,
+    /// Torque on or off, as requested by the user, and its read-back. It is sent before all other requests.
+    torque: Option<ReadBack>,
     stopping: Option<Stopping>,
     stop_state: StopState,
     /// The gripper's goal in the last target. `None` after the torque was off: the gripper then holds nothing.
@@ -284,7 +285,10 @@ impl Session {
         if self.jog.hold(now, axis, direction)? {
             self.next_target = now;
             match self.jog.is_held() {
-                true => self.end_stop(StopState::None),
+                true => {
+                    self.end_stop(StopState::None);
+                    self.forget_torque();
+                }
                 false => self.stop_jog(now),
             }
         }
@@ -300,6 +304,7 @@ impl Session {
 
     /// Stops the arm, whatever moves it. It keeps its torque.
     pub fn stop(&mut self, now: Instant) {
+        self.forget_torque();
         self.jog.release(now);
         match self.jog.is_moving() {
             true => self.stop_jog(now),
@@ -317,7 +322,7 @@ impl Session {
         self.jog.set_speed(speed);
     }
 
-    /// Switches the torque. With torque off the arm can fall.
+    /// Switches the torque and reads it back. With torque off the arm can fall.
     pub fn set_torque(&mut self, now: Instant, torque: Torque) {
         self.jog.release(now);
         self.jog.reset();
@@ -325,7 +330,13 @@ impl Session {
         if torque == Torque::Off {
             self.gripper = None;
         }
-        self.torque = Some(torque);
+        self.torque = Some(ReadBack::new(Effect::Torque(torque)));
+    }
+
+    /// Returns the result of the last change of the torque. `None` until it is read back, and after the next motion or
+    /// stop has begun.
+    pub fn torque_result(&self) -> Option<Result<Outcome, EffectError>> {
+        self.torque.as_ref().and_then(ReadBack::result)
     }
 
     /// Returns the state.
@@ -341,7 +352,7 @@ impl Session {
         let Some(reading) = self.fresh(now) else {
             return Some(Block::NoReading);
         };
-        if reading.status.is_holding() == Some(false) {
+        if reading.status.is_torque_off() {
             return Some(Block::TorqueOff);
         }
         let in_range = reading.positions().is_ok() && reading.opening().is_ok();
@@ -393,6 +404,11 @@ impl Session {
         self.stop_state = state;
     }
 
+    /// Forgets the result of a change of the torque. One in progress goes on.
+    fn forget_torque(&mut self) {
+        self.torque = self.torque.filter(|torque| torque.result().is_none());
+    }
+
     /// Returns the last reading, if it is fresh.
     fn fresh(&self, now: Instant) -> Option<&JointState> {
         let (at, reading) = self.arm.joints.as_ref()?;
@@ -410,7 +426,7 @@ impl Session {
     /// Returns the time at which the read in flight is abandoned for another request.
     fn interruption(&self) -> Option<Instant> {
         let (_, sent) = self.in_flight?;
-        if self.torque.is_some() {
+        if self.torque.is_some_and(|torque| !torque.is_sent()) {
             return Some(sent + MAX_STOP_DELAY);
         }
         if let Some(stopping) = &self.stopping {
@@ -433,8 +449,11 @@ impl Session {
     }
 
     fn next_request(&mut self, now: Instant) -> Option<Request> {
-        if let Some(torque) = self.torque.take() {
-            return Some(Request::SetTorque(torque));
+        // The joints are read anyway.
+        if let Some(torque) = &mut self.torque
+            && let effect::Output::Request(request @ Request::SetTorque(_)) = torque.poll(now)
+        {
+            return Some(request);
         }
         if let Some(stopping) = &mut self.stopping {
             stopping.due = None;
@@ -480,10 +499,15 @@ impl Session {
                 counters.answers += 1;
                 self.answered(now);
                 self.store(now, &response);
-                // A late reading is too old for a stop.
-                if let (Response::Joints(state), Some(stopping)) = (response, &mut self.stopping) {
-                    stopping.stop.on_joints(now, &state);
-                    stopping.due = Some(now);
+                // A late reading is too old for a stop and for a read-back.
+                if let Response::Joints(state) = response {
+                    if let Some(stopping) = &mut self.stopping {
+                        stopping.stop.on_joints(now, &state);
+                        stopping.due = Some(now);
+                    }
+                    if let Some(torque) = &mut self.torque {
+                        torque.on_joints(now, &state);
+                    }
                 }
             }
             Event::Unacceptable(_) | Event::ErrorFrame { .. } => {
@@ -531,7 +555,7 @@ impl Session {
             }
             Response::Joints(state) => {
                 arm.joints = Some((now, state));
-                if state.status.is_holding() == Some(false) {
+                if state.status.is_torque_off() {
                     self.gripper = None;
                 }
             }

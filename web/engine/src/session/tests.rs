@@ -1,4 +1,5 @@
 use armwire::ling::{Frame, GripperSpeed, JOINTS, Move, Position};
+use armwire::{Device, DeviceEvent};
 use armwire_sim::faults::Rates;
 
 use super::*;
@@ -272,6 +273,98 @@ fn nothing_moves_while_the_torque_is_off() {
     bench.run(100);
     assert_eq!(bench.session.block(bench.now), Some(Block::TorqueOff));
     assert_eq!((bench.moves(start), bench.count(start, 0x05, 0x00)), (0, 0));
+}
+
+#[test]
+fn rows_of_readings_have_their_verdicts() {
+    const EFFECTS: &str = include_str!("../../../../protocol/tests/effects.txt");
+    let rows = EFFECTS.lines().filter(|row| !row.starts_with('#'));
+    for row in rows {
+        let columns: Vec<_> = row.split_whitespace().collect();
+        let [effect, status, ticks, change, later_status, later_ticks, verdict] = columns[..] else {
+            panic!("{row}");
+        };
+        let torque = match effect {
+            "torque-on" => Torque::On,
+            "torque-off" => Torque::Off,
+            // The page sets no zero.
+            _ => continue,
+        };
+        let state = |status: &str, ticks: &str| JointState {
+            joints: [ticks.parse().unwrap(); JOINTS],
+            gripper: 500,
+            status: u8::from_str_radix(status, 16).unwrap().into(),
+        };
+        let (before, after) = (state(status, ticks), state(later_status, later_ticks));
+        let change = Duration::from_millis(change.parse().unwrap());
+        let (mut session, mut arm) = (Session::new(Instant::ZERO), Device::<Ling, MAX_FRAME>::new(Ling));
+        let (mut requested, mut ended) = (None, None);
+        for millis in 0..1_200 {
+            let now = Instant::from_millis(millis);
+            if millis == 500 {
+                session.set_torque(now, torque);
+            }
+            let mut frame = [0; MAX_FRAME];
+            let len = session.transmit(now, &mut frame).unwrap();
+            assert!(arm.receive(&frame[..len]).is_empty());
+            while let Some(event) = arm.poll() {
+                match event {
+                    DeviceEvent::Request {
+                        request: Request::ReadJoints,
+                        ..
+                    } => {
+                        let has_changed = requested.is_some_and(|at| now.since(at) >= change);
+                        let response = Response::Joints(if has_changed { after } else { before });
+                        let mut answer = [0; MAX_FRAME];
+                        let len = Ling.encode_response(&response, None, &mut answer).unwrap();
+                        session.receive(now, &answer[..len]);
+                    }
+                    DeviceEvent::Request {
+                        request: Request::SetTorque(got),
+                        ..
+                    } => {
+                        assert_eq!((got, requested), (torque, None), "{row}");
+                        requested = Some(now);
+                    }
+                    _ => {}
+                }
+            }
+            if ended.is_none() && session.torque_result().is_some() {
+                ended = Some(now);
+            }
+        }
+        let result = session.torque_result().unwrap();
+        let is_shown = result.map(|outcome| outcome.is_shown).ok();
+        let (expected, time) = match verdict {
+            "confirmed" => (Some(true), change),
+            "not-shown" => (Some(false), ReadBack::LIMIT),
+            _ => (None, ReadBack::LIMIT),
+        };
+        assert_eq!(is_shown, expected, "{row}: {result:?}");
+        // Other reads, which have no answers here, take their turns.
+        let late = ended.unwrap().since(requested.unwrap()).as_micros() - time.as_micros();
+        assert!(late < 200_000, "{row}: {late} us");
+    }
+}
+
+#[test]
+fn result_of_the_torque_ends_with_the_next_motion() {
+    let mut bench = Bench::ready();
+    bench.session.set_torque(bench.now, Torque::On);
+    assert_eq!(bench.session.torque_result(), None);
+    bench.run(200);
+    assert!(bench.session.torque_result().unwrap().unwrap().is_shown);
+    bench.hold(0, Direction::Up);
+    assert_eq!(bench.session.torque_result(), None);
+    bench.release();
+    bench.run(200);
+    bench.connected = false;
+    bench.session.set_torque(bench.now, Torque::Off);
+    bench.run(700);
+    let no_reading = EffectError::NoReading(Effect::Torque(Torque::Off));
+    assert_eq!(bench.session.torque_result(), Some(Err(no_reading)));
+    bench.session.stop(bench.now);
+    assert_eq!(bench.session.torque_result(), None);
 }
 
 #[test]
