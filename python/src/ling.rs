@@ -128,13 +128,17 @@ impl LingPort {
         })
     }
 
-    /// The reading that was last read back.
-    fn set_torque(&self, py: Python<'_>, on: bool) -> PyResult<(Joints, Extra)> {
+    /// The reading that decided, its extra bytes, and a text if it does not show the torque.
+    fn set_torque(&self, py: Python<'_>, on: bool) -> PyResult<(Joints, Extra, Option<String>)> {
         let torque = if on { Torque::On } else { Torque::Off };
-        self.read(py, |arm| Ok(arm.set_torque(torque)?.state))
+        self.0.with(py, |arm| {
+            let outcome = arm.set_torque(torque)?;
+            let text = (!outcome.is_shown).then(|| format!("{}: {outcome}", arm.name()));
+            Ok((joints(outcome.state), extra(arm), text))
+        })
     }
 
-    /// The reading that was last read back.
+    /// The reading that shows the new zero.
     fn set_zero(&self, py: Python<'_>) -> PyResult<(Joints, Extra)> {
         self.read(py, |arm| Ok(arm.set_zero()?.state))
     }

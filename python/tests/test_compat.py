@@ -3,6 +3,7 @@ import math
 from pathlib import Path
 
 import pytest
+from scripted import TORQUE_ON, ZERO, Row, RowArm, rows, verdict_of
 
 import armwire
 from armwire import sim
@@ -87,6 +88,16 @@ def test_torque_and_zero(robot: SynriaRobotAPI, virtual: sim.VirtualLing, monkey
     assert robot.get_robot_state().run_status_text == "locked"
     with pytest.raises(ValueError, match="'on' or 'off'"):
         robot.torque_control("maybe")
+
+
+@pytest.mark.parametrize("row", [row for row in rows() if row.effect != ZERO], ids=str)
+def test_rows_of_readings_have_their_verdicts(row: Row) -> None:
+    with RowArm(row) as scripted, verdict_of(row):
+        robot = create_robot(port=scripted.port)
+        try:
+            assert robot.torque_control("on" if row.effect == TORQUE_ON else "off")
+        finally:
+            robot.disconnect()
 
 
 def test_connection_is_opened_and_closed(virtual: sim.VirtualLing) -> None:

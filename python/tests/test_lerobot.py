@@ -5,12 +5,13 @@ import importlib.util
 import os
 import sys
 import time
+import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-from scripted import MOVE, READ_JOINTS, TORQUE_ON, ScriptedArm
+from scripted import MOVE, READ_JOINTS, TORQUE_OFF, TORQUE_ON, Row, RowArm, ScriptedArm, rows
 
 import armwire
 from armwire import MotionStatus, sim
@@ -241,6 +242,49 @@ def test_action_without_torque_is_an_error(robot: Any, virtual: sim.VirtualLing)
     with pytest.raises(errors.DeviceNotConnectedError, match="the torque is off"):
         robot.send_action(POSE)
     assert virtual.joints().status is MotionStatus.IDLE
+
+
+def test_warm_arm_connects(virtual: sim.VirtualLing, tmp_path: Path) -> None:
+    with armwire.Ling(virtual.port) as arm:
+        # The temperature of its servos: the arm reports overheating, and holds.
+        arm.set_temperature_limit_celsius(25)
+    robot = follower(virtual.port, tmp_path)
+    with pytest.warns(UserWarning, match="torque on: sent; status overheating does not show its effect"):
+        robot.connect()
+    assert virtual.joints().status is MotionStatus.OVERHEATING
+    robot.send_action(POSE)
+    wait_until(lambda: is_at(robot.get_observation(), POSE))
+    robot.disconnect()
+
+
+@pytest.mark.parametrize("row", [row for row in rows() if row.effect == TORQUE_ON], ids=str)
+def test_rows_of_readings_have_their_verdicts(row: Row, tmp_path: Path) -> None:
+    with RowArm(row) as scripted, warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        robot = follower(scripted.port, tmp_path)
+        if row.verdict == "contradicted":
+            with pytest.raises(errors.DeviceNotConnectedError, match="torque on was sent, but the status is"):
+                robot.connect()
+        else:
+            robot.connect()
+            robot.disconnect()
+    texts = [str(warning.message) for warning in caught]
+    assert [" does not show its effect" in text for text in texts] == [True] * (row.verdict == "not-shown")
+
+
+@pytest.mark.parametrize("row", [row for row in rows() if row.effect == TORQUE_OFF], ids=str)
+def test_rows_after_disconnect_have_their_verdicts(row: Row, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    with RowArm(row) as scripted, warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        robot = follower(scripted.port, tmp_path, disable_torque_on_disconnect=True)
+        # Only the torque-off of `disconnect` has a row.
+        robot.configure = lambda: None
+        robot.connect()
+        with caplog.at_level("WARNING"):
+            robot.disconnect()
+    texts = [str(warning.message) for warning in caught]
+    assert [" does not show its effect" in text for text in texts] == [True] * (row.verdict == "not-shown")
+    assert ("torque off was sent, but the status is" in caplog.text) == (row.verdict == "contradicted")
 
 
 @pytest.mark.parametrize("torque_off", [False, True])

@@ -1,3 +1,4 @@
+import asyncio
 import select
 import signal
 import socket
@@ -9,9 +10,10 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from scripted import TORQUE_ON, ZERO, Row, RowArm, rows, verdict_of
 
 import armwire
-from armwire import MotionStatus, sim
+from armwire import MotionStatus, aio, sim
 
 TARGET = [10.0, -20.0, 30.0, 0.0, 45.0, -90.0]
 # Half a tick in degrees: the largest rounding error of a position.
@@ -244,12 +246,30 @@ def test_arm_is_at_a_target_within_three_ticks(arm: armwire.Ling, virtual: sim.V
         arm.wait_until_at_deg([0] * 6, timeout_s=0)
 
 
+@pytest.mark.parametrize("row", rows(), ids=str)
+def test_rows_of_readings_have_their_verdicts(row: Row) -> None:
+    with RowArm(row) as scripted, armwire.Ling(scripted.port) as arm, verdict_of(row):
+        state = arm.set_zero() if row.effect == ZERO else arm.set_torque(row.effect == TORQUE_ON)
+        assert (state.status, state.ticks) == (row.later_status, (row.later_ticks,) * 6)
+
+
+@pytest.mark.parametrize("row", rows(), ids=str)
+def test_awaited_rows_have_their_verdicts(row: Row) -> None:
+    async def run(port: str) -> armwire.JointState:
+        async with await aio.Ling.open(port) as arm:
+            return await (arm.set_zero() if row.effect == ZERO else arm.set_torque(row.effect == TORQUE_ON))
+
+    with RowArm(row) as scripted, verdict_of(row):
+        assert asyncio.run(run(scripted.port)).status == row.later_status
+
+
 @pytest.mark.parametrize(
     ("status", "is_holding"),
     [(0x00, False), (0x01, True), (0x10, None), (0x11, True), (0xE1, None), (0xE2, False), (0x42, None)],
 )
 def test_status_shows_the_torque(status: int, is_holding: bool | None) -> None:
-    assert armwire.JointState((2048,) * 6, 0, status).is_holding is is_holding
+    state = armwire.JointState((2048,) * 6, 0, status)
+    assert (state.is_holding, state.is_torque_off) == (is_holding, is_holding is False)
 
 
 def test_counts_out_of_range_are_kept() -> None:

@@ -29,7 +29,7 @@ from ._units import (
     seconds,
     speed_ticks,
 )
-from .errors import ArmwireError, RefusedError, UnacceptableError
+from .errors import ArmwireError, UnacceptableError
 
 MAX_GRIPPER = 1000
 # Polling interval of waits.
@@ -100,8 +100,13 @@ class JointState:
 
     @property
     def is_holding(self) -> bool | None:
-        """True if the torque is on; `None` if the status does not show it."""
+        """True if the torque is on, false if it is off; `None` if the status, such as overheating, does not show it."""
         return _armwire.ling_is_holding(self.status)
+
+    @property
+    def is_torque_off(self) -> bool:
+        """True if the torque is off; false if it is on, and if the status does not show it."""
+        return self.is_holding is False
 
 
 @dataclass(frozen=True)
@@ -300,7 +305,7 @@ class Ling(Open):
                 warning: a grip may loosen.
 
         Returns:
-            The last reading, of an arm at rest. If its `is_holding` is false, the torque is off: the arm is not held.
+            The last reading, of an arm at rest. If its `is_torque_off` is true, the arm is not held.
 
         Raises:
             ValueError: The gripper's goal is out of range; nothing is sent.
@@ -341,16 +346,21 @@ class Ling(Open):
     def set_torque(self, on: bool) -> JointState:
         """Switch the torque and read it back, half a second at most. With torque off the arm falls: hold it.
 
+        A `UserWarning` reports a status that does not show the torque, such as overheating.
+
         Returns:
-            The reading that shows it. If its `is_holding` is None, the status, such as overheating, does not show the torque.
+            The reading that shows it. Its `is_holding` is `None` after the warning.
 
         Raises:
             RefusedError: The status shows that the torque was not switched.
         """
-        return joint_state(*self._port.set_torque(on))
+        counts, extra, text = self._port.set_torque(on)
+        if text is not None:
+            warnings.warn(text, stacklevel=2)
+        return joint_state(counts, extra)
 
     def set_zero(self) -> JointState:
-        """Make the current pose the zero position. The arm switches its torque off and falls: hold it.
+        """Make the current pose zero, and read it back. The arm switches its torque off and falls: hold it.
 
         Returns:
             The reading that shows it.
@@ -395,7 +405,7 @@ class Ling(Open):
             state = self.stop()
         except ArmwireError as error:
             return str(error)
-        return f"{self.port}: {'the arm is without torque' if state.is_holding is False else 'Ctrl-C stopped the arm'}"
+        return f"{self.port}: {'the arm is without torque' if state.is_torque_off else 'Ctrl-C stopped the arm'}"
 
     def _read_motion(self) -> JointState:
         """Read the joints. Raises `RefusedError` if the torque went off after a move."""
