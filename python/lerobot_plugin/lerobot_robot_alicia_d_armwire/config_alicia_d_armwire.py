@@ -6,18 +6,15 @@ from dataclasses import dataclass, field
 from lerobot.cameras import CameraConfig
 from lerobot.robots import RobotConfig
 
-from .pose import JOINTS, check_reading
+from .arm_config import ArmConfig
+from .pose import JOINTS
 
 
 @RobotConfig.register_subclass("alicia_d_armwire")
 @dataclass(kw_only=True)
-class AliciaDArmwireConfig(RobotConfig):
+class AliciaDArmwireConfig(RobotConfig, ArmConfig):
     """A follower arm."""
 
-    port: str
-    """The port: a serial port, `tcp:HOST:PORT`, `can:IFACE/NODE` or `slcan:PORT@BITRATE/NODE`."""
-    baud: int | None = None
-    """The serial port's baud rate; 1000000 by default."""
     speed_deg_s: float = 120.0
     """Speed of each joint in degrees per second, up to 439."""
     gripper_ticks_s: int = 5500
@@ -26,8 +23,6 @@ class AliciaDArmwireConfig(RobotConfig):
     """Maximum distance of an action from the current joints, in degrees. Larger distances are clamped.
 
     One number for all joints, or by name, `joint1` to `joint6`. It costs a read for each action."""
-    reading_rate_hz: int = 200
-    """Readings of the pose per second, 1 to 1000."""
     observation_max_age_s: float = 0.1
     """Maximum age of an observed pose in seconds. An older one is an error."""
     action_timeout_s: float = 0.5
@@ -44,7 +39,7 @@ class AliciaDArmwireConfig(RobotConfig):
             raise ValueError(f"speed_deg_s is {self.speed_deg_s}, must be 4.4 to 439")
         if not (self.action_timeout_s >= 0 and math.isfinite(self.action_timeout_s)):
             raise ValueError(f"action_timeout_s is {self.action_timeout_s}, must be 0 or more")
-        check_reading(self.reading_rate_hz, "observation_max_age_s", self.observation_max_age_s)
+        self.check_reading("observation_max_age_s")
         if self.gripper_ticks_s not in range(1, 0x10000):
             raise ValueError(f"gripper_ticks_s is {self.gripper_ticks_s}, must be 1 to 65535")
         limit = self.max_relative_target

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
@@ -43,18 +42,6 @@ def lerobot_errors() -> Iterator[None]:
 FIRST_S = 1.0
 # Attempts to get an image with its time, while the camera replaces it.
 ATTEMPTS = 3
-
-
-def check_reading(rate_hz: int, name: str, max_age_s: float) -> None:
-    """Check the rate of readings and the option `name`, their maximum age.
-
-    Raises:
-        ValueError: One is out of range.
-    """
-    if rate_hz not in range(1, 1001):
-        raise ValueError(f"reading_rate_hz is {rate_hz}, must be 1 to 1000")
-    if not (max_age_s > 0 and math.isfinite(max_age_s)):
-        raise ValueError(f"{name} is {max_age_s}, must be over 0")
 
 
 def start_reader(arm: armwire.Ling, rate_hz: int) -> armwire.Reader[armwire.JointState]:
