@@ -47,6 +47,11 @@
 #define ARMWIRE_LING_MAX_SERVOS 10
 
 /**
+ * Size of a read-back, in words of 64 bits.
+ */
+#define ARMWIRE_LING_READ_BACK_WORDS 16
+
+/**
  * Size of a stop, in words of 64 bits.
  */
 #define ARMWIRE_LING_STOP_WORDS 24
@@ -458,6 +463,84 @@ enum ArmwireLingResponseKind
 typedef enum ArmwireLingResponseKind ArmwireLingResponseKind;
 #else
 typedef uint32_t ArmwireLingResponseKind;
+#endif // __STDC_VERSION__ >= 202311L
+#endif // __cplusplus
+
+/**
+ * The effect of a request that the arm does not answer.
+ */
+enum ArmwireLingEffect
+#if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+  : uint32_t
+#endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+ {
+  /**
+   * The torque is off: a load that the arm holds falls.
+   */
+  ARMWIRE_LING_EFFECT_TORQUE_OFF = 0,
+  /**
+   * The torque is on.
+   */
+  ARMWIRE_LING_EFFECT_TORQUE_ON,
+  /**
+   * The present pose is zero. The arm switches its torque off: a load that it holds falls.
+   */
+  ARMWIRE_LING_EFFECT_ZERO,
+};
+#ifndef __cplusplus
+#if __STDC_VERSION__ >= 202311L
+typedef enum ArmwireLingEffect ArmwireLingEffect;
+#else
+typedef uint32_t ArmwireLingEffect;
+#endif // __STDC_VERSION__ >= 202311L
+#endif // __cplusplus
+
+/**
+ * The kind of an `ArmwireLingReadBackStep`. The members that it sets are named in parentheses.
+ */
+enum ArmwireLingReadBackStepKind
+#if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+  : uint32_t
+#endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+ {
+  /**
+   * Poll again at this time. (`until_us`)
+   */
+  ARMWIRE_LING_READ_BACK_STEP_KIND_WAIT = 0,
+  /**
+   * Read the joints, and pass the answer to `armwire_ling_read_back_on_joints`.
+   */
+  ARMWIRE_LING_READ_BACK_STEP_KIND_READ_JOINTS,
+  /**
+   * Switch the torque. (`torque_on`)
+   */
+  ARMWIRE_LING_READ_BACK_STEP_KIND_SET_TORQUE,
+  /**
+   * Make the present pose zero.
+   */
+  ARMWIRE_LING_READ_BACK_STEP_KIND_SET_ZERO,
+  /**
+   * The end: a reading shows the effect.
+   */
+  ARMWIRE_LING_READ_BACK_STEP_KIND_CONFIRMED,
+  /**
+   * The end: the last reading shows neither the effect nor its absence, for example because the arm is overheating.
+   */
+  ARMWIRE_LING_READ_BACK_STEP_KIND_NOT_SHOWN,
+  /**
+   * The end: the last reading, 0.5 s after the request, shows that the effect is missing.
+   */
+  ARMWIRE_LING_READ_BACK_STEP_KIND_CONTRADICTED,
+  /**
+   * The end: no reading came within 0.5 s.
+   */
+  ARMWIRE_LING_READ_BACK_STEP_KIND_NO_READING,
+};
+#ifndef __cplusplus
+#if __STDC_VERSION__ >= 202311L
+typedef enum ArmwireLingReadBackStepKind ArmwireLingReadBackStepKind;
+#else
+typedef uint32_t ArmwireLingReadBackStepKind;
 #endif // __STDC_VERSION__ >= 202311L
 #endif // __cplusplus
 
@@ -1219,6 +1302,32 @@ typedef struct ArmwireLingRequest {
 } ArmwireLingRequest;
 
 /**
+ * A request that the arm does not answer, and the read-back of its effect. The caller owns its memory. The content is
+ * private.
+ */
+typedef struct ArmwireLingReadBack {
+  uint64_t opaque[ARMWIRE_LING_READ_BACK_WORDS];
+} ArmwireLingReadBack;
+
+/**
+ * The next action of a read-back. Members that its kind does not set are 0.
+ */
+typedef struct ArmwireLingReadBackStep {
+  /**
+   * The kind: an `ArmwireLingReadBackStepKind`.
+   */
+  uint32_t kind;
+  /**
+   * The time of the next poll.
+   */
+  uint64_t until_us;
+  /**
+   * Torque: 1 on, 0 off.
+   */
+  uint8_t torque_on;
+} ArmwireLingReadBackStep;
+
+/**
  * A stop of a moving arm, whose torque stays on. The caller owns its memory. The content is private.
  */
 typedef struct ArmwireLingStop {
@@ -1806,6 +1915,31 @@ ArmwireStatus armwire_ling_device_idle(struct ArmwireLingDevice *device);
  * The last rejected value or length, with its range.
  */
 ArmwireStatus armwire_ling_device_fault(struct ArmwireLingDevice *device, struct ArmwireFault *fault);
+
+/**
+ * Initializes a read-back. `version` is ARMWIRE_VERSION, `effect` an `ArmwireLingEffect`.
+ *
+ * ARMWIRE_STATUS_VERSION if header and library differ, ARMWIRE_STATUS_OUT_OF_RANGE for another effect.
+ */
+ArmwireStatus armwire_ling_read_back_init(struct ArmwireLingReadBack *read_back,
+                                          uint32_t version,
+                                          uint32_t effect);
+
+/**
+ * The next action. `now_us` is the time of a monotonic clock. Call it until its kind is one of the ends.
+ */
+ArmwireStatus armwire_ling_read_back_poll(struct ArmwireLingReadBack *read_back,
+                                          uint64_t now_us,
+                                          struct ArmwireLingReadBackStep *step);
+
+/**
+ * Takes a reading of the joints. After a failed read poll again: it is repeated.
+ *
+ * ARMWIRE_STATUS_UNKNOWN_KIND for another response.
+ */
+ArmwireStatus armwire_ling_read_back_on_joints(struct ArmwireLingReadBack *read_back,
+                                               uint64_t now_us,
+                                               const struct ArmwireLingResponse *joints);
 
 /**
  * Initializes a stop. `version` is ARMWIRE_VERSION. `opening_per_mille` is the last goal of the gripper, 0 to 1000, or

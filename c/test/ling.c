@@ -26,6 +26,44 @@ static void sent(ArmwireStatus status)
     CHECK(response.kind == ARMWIRE_LING_RESPONSE_KIND_NONE);
 }
 
+/* Sets what the arm does not confirm, and returns the kind of the last step of its read-back. */
+static uint32_t set(ArmwireLingEffect effect)
+{
+    ArmwireLingReadBack read_back;
+    ArmwireLingReadBackStep step;
+    CHECK_OK(armwire_ling_read_back_init(&read_back, ARMWIRE_VERSION, effect));
+    for (;;) {
+        CHECK_OK(armwire_ling_read_back_poll(&read_back, now_us(), &step));
+        switch (step.kind) {
+        case ARMWIRE_LING_READ_BACK_STEP_KIND_WAIT: break;
+        case ARMWIRE_LING_READ_BACK_STEP_KIND_READ_JOINTS: {
+            ArmwireLingResponse joints = answer(armwire_ling_client_read_joints, ARMWIRE_LING_RESPONSE_KIND_JOINTS);
+            CHECK_OK(armwire_ling_read_back_on_joints(&read_back, now_us(), &joints));
+            break;
+        }
+        case ARMWIRE_LING_READ_BACK_STEP_KIND_SET_TORQUE:
+            sent(armwire_ling_client_set_torque(&arm, step.torque_on));
+            break;
+        case ARMWIRE_LING_READ_BACK_STEP_KIND_SET_ZERO: sent(armwire_ling_client_set_zero(&arm)); break;
+        default: return step.kind;
+        }
+    }
+}
+
+static void effects_are_read_back(void)
+{
+    static const ArmwireLingEffect effects[] = {ARMWIRE_LING_EFFECT_TORQUE_ON, ARMWIRE_LING_EFFECT_TORQUE_OFF,
+                                                ARMWIRE_LING_EFFECT_ZERO};
+    for (size_t effect = 0; effect < sizeof effects / sizeof *effects; effect++) {
+        CHECK(set(effects[effect]) == ARMWIRE_LING_READ_BACK_STEP_KIND_CONFIRMED);
+    }
+    /* Below the temperature: the protection switches the torque off. */
+    sent(armwire_ling_client_set_temperature_limit(&arm, 0));
+    CHECK(set(ARMWIRE_LING_EFFECT_TORQUE_ON) == ARMWIRE_LING_READ_BACK_STEP_KIND_CONTRADICTED);
+    sent(armwire_ling_client_set_temperature_limit(&arm, 80));
+    CHECK(set(ARMWIRE_LING_EFFECT_TORQUE_ON) == ARMWIRE_LING_READ_BACK_STEP_KIND_CONFIRMED);
+}
+
 static void every_request_is_answered_or_sent(void)
 {
     ArmwireLingResponse info = answer(armwire_ling_client_read_info, ARMWIRE_LING_RESPONSE_KIND_INFO);
@@ -174,6 +212,7 @@ int main(int argc, char **argv)
     CHECK_OK(armwire_ling_client_init(&arm, ARMWIRE_VERSION, &config));
     port = port_open(argv[1], good);
     every_request_is_answered_or_sent();
+    effects_are_read_back();
     moving_arm_stops_and_keeps_its_torque();
     frames_may_be_written_in_parts();
     port_close(&port);

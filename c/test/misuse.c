@@ -2,11 +2,11 @@
  * out of range, short buffers, calls in any order. Usage: misuse CALLS [SEED] */
 #include "harness.h"
 
-enum Kind { LING_CLIENT, LING_DEVICE, LING_STOP, ALPHA1_CLIENT, ALPHA1_DEVICE, XARM_CLIENT, XARM_DEVICE, KINDS };
+enum Kind { LING_CLIENT, LING_DEVICE, LING_STOP, LING_READ_BACK, ALPHA1_CLIENT, ALPHA1_DEVICE, XARM_CLIENT, XARM_DEVICE, KINDS };
 
 static const size_t sizes[KINDS] = {sizeof(ArmwireLingClient),   sizeof(ArmwireLingDevice),   sizeof(ArmwireLingStop),
-                                    sizeof(ArmwireAlpha1Client), sizeof(ArmwireAlpha1Device), sizeof(ArmwireXarmClient),
-                                    sizeof(ArmwireXarmDevice)};
+                                    sizeof(ArmwireLingReadBack), sizeof(ArmwireAlpha1Client), sizeof(ArmwireAlpha1Device),
+                                    sizeof(ArmwireXarmClient),   sizeof(ArmwireXarmDevice)};
 
 /* Memory on the heap, so that the address sanitizer detects an access beyond it. Each fits every kind, to test wrong types. */
 #define MEMORIES 12
@@ -268,6 +268,28 @@ static ArmwireStatus ling_stop_call(ArmwireLingStop *stop)
     }
 }
 
+static ArmwireStatus ling_read_back_call(ArmwireLingReadBack *read_back)
+{
+    ArmwireLingReadBackStep next;
+    ArmwireLingResponse joints;
+    ArmwireStatus status;
+    switch (random_below(&rng, 8)) {
+    case 0: return armwire_ling_read_back_init(read_back, one_in(20) ? any32() : ARMWIRE_VERSION, random_below(&rng, 5));
+    case 1:
+    case 2:
+        any_bytes(&joints, sizeof joints);
+        joints.kind = one_in(10) ? any32() : ARMWIRE_LING_RESPONSE_KIND_JOINTS;
+        joints.motion_status = one_in(2) ? 1 : any8();
+        return armwire_ling_read_back_on_joints(read_back, clock_us, or_null(&joints));
+    default:
+        status = armwire_ling_read_back_poll(read_back, clock_us, or_null(&next));
+        if (status == ARMWIRE_STATUS_OK) {
+            CHECK(next.kind <= ARMWIRE_LING_READ_BACK_STEP_KIND_NO_READING);
+        }
+        return status;
+    }
+}
+
 static ArmwireStatus alpha1_client_call(ArmwireAlpha1Client *client)
 {
     ArmwireAlpha1Action action;
@@ -385,6 +407,7 @@ static ArmwireStatus call(enum Kind kind, void *memory)
     case LING_CLIENT: return ling_client_call(memory);
     case LING_DEVICE: return ling_device_call(memory);
     case LING_STOP: return ling_stop_call(memory);
+    case LING_READ_BACK: return ling_read_back_call(memory);
     case ALPHA1_CLIENT: return alpha1_client_call(memory);
     case ALPHA1_DEVICE: return alpha1_device_call(memory);
     case XARM_CLIENT: return xarm_client_call(memory);
@@ -398,6 +421,7 @@ static enum Kind look_into(void *memory)
     static const ArmwireLingResponse none;
     ArmwireFault fault;
     if (armwire_ling_stop_on_joints(memory, 0, &none) == ARMWIRE_STATUS_UNKNOWN_KIND) return LING_STOP;
+    if (armwire_ling_read_back_on_joints(memory, 0, &none) == ARMWIRE_STATUS_UNKNOWN_KIND) return LING_READ_BACK;
     if (armwire_ling_client_fault(memory, &fault) == ARMWIRE_STATUS_OK) return LING_CLIENT;
     if (armwire_ling_device_fault(memory, &fault) == ARMWIRE_STATUS_OK) return LING_DEVICE;
     if (armwire_alpha1_client_fault(memory, &fault) == ARMWIRE_STATUS_OK) return ALPHA1_CLIENT;

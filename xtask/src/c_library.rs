@@ -188,11 +188,12 @@ fn compile_header() -> Result<()> {
 /// Runs the tests in C with sanitizers in the tests and the library.
 fn test(dir: &Path, armwire: &Path) -> Result<()> {
     let library = sanitized()?;
-    for test in ["device", "endings", "misuse", "ling", "alpha1", "xarm"] {
+    for test in ["device", "endings", "misuse", "effects", "ling", "alpha1", "xarm"] {
         let mut program = Command::new(compile(dir, test, SANITIZERS, Some(&library))?);
         match test {
             "device" => drop(program.arg(EXCHANGES)),
             "endings" | "misuse" => drop(program.arg(STEPS)),
+            "effects" => drop(program.arg(root().join("protocol/tests/effects.txt"))),
             _ => drop(program.arg(armwire)),
         }
         println!("{test}");

@@ -3,4 +3,5 @@
 pub mod client;
 pub mod device;
 pub mod message;
+pub mod read_back;
 pub mod stop;
