@@ -4,7 +4,7 @@ use std::fs;
 use std::path::Path;
 
 /// The files of these tests.
-const TESTS: [&str; 35] = [
+const TESTS: [&str; 36] = [
     "bridge/src/tests/control.rs",
     "bridge/src/tests/delayed.rs",
     "bridge/src/tests/line_rate.rs",
@@ -34,6 +34,7 @@ const TESTS: [&str; 35] = [
     "host/tests/motion/replay.rs",
     "protocol/tests/client.rs",
     "protocol/tests/driver.rs",
+    "protocol/tests/read_back.rs",
     "python/tests/test_aio.py",
     "python/tests/test_board.py",
     "python/tests/test_lerobot.py",
