@@ -77,7 +77,7 @@ enum Step {
     Send,
     /// The time of the next reading.
     Read(Instant),
-    End(Result<Outcome, EffectError>),
+    End,
 }
 
 /// The next action for the caller of a [`ReadBack`].
@@ -176,11 +176,8 @@ impl ReadBack {
     }
 
     /// The result; `None` before the end.
-    pub const fn result(&self) -> Option<Result<Outcome, EffectError>> {
-        match self.step {
-            Step::End(result) => Some(result),
-            Step::Send | Step::Read(_) => None,
-        }
+    pub fn result(&self) -> Option<Result<Outcome, EffectError>> {
+        matches!(self.step, Step::End).then(|| self.end())
     }
 
     /// The next action.
@@ -193,16 +190,15 @@ impl ReadBack {
                 Output::Request(self.effect.request())
             }
             Step::Read(_) if limit.is_some_and(|limit| now >= limit) => {
-                let result = self.end();
-                self.step = Step::End(result);
-                Output::Done(result)
+                self.step = Step::End;
+                Output::Done(self.end())
             }
             Step::Read(at) if at > now => Output::Wait(limit.map_or(at, |limit| at.min(limit))),
             Step::Read(_) => {
                 self.step = Step::Read(now + PERIOD);
                 Output::Request(Request::ReadJoints)
             }
-            Step::End(result) => Output::Done(result),
+            Step::End => Output::Done(self.end()),
         }
     }
 
@@ -213,7 +209,7 @@ impl ReadBack {
         {
             self.last = Some(*state);
             if self.effect.verdict(state) == Verdict::Confirmed {
-                self.step = Step::End(self.end());
+                self.step = Step::End;
             }
         }
     }
