@@ -4,10 +4,11 @@ export const JOINTS = 6;
 export const GRIPPER = 6;
 export const AXES = 7;
 
-// The numbers of `State`, `Block`, `StopState` and `Event` in web/engine/src.
+// The numbers of `State`, `Block`, `StopState`, `TorqueState` and `Event` in web/engine/src.
 export const STATES = ['listening', 'silent', 'answering', 'older generation'];
 export const BLOCKS = [null, 'disabled', 'no reading', 'torque off', 'out of range'];
 export const STOPS = [null, 'stopping', 'stopped', 'grip may loosen', 'without torque', 'failed'];
+export const TORQUES = [null, 'switching', 'confirmed', 'not shown', 'contradicted', 'no reading'];
 export const EVENTS = [null, 'sent', 'received', 'unknown', 'noise', 'unanswered'];
 
 export class Engine {
@@ -52,9 +53,7 @@ export class Engine {
 
   state() { return STATES[this.#wasm.session_state(this.#engine)]; }
   stopState() { return STOPS[this.#wasm.session_stop_state(this.#engine)]; }
-  // The result of the last change of the torque; empty before it, and after the next motion or stop has begun.
-  torqueResult() { return this.#text(this.#wasm.arm_text(this.#engine, 3)); }
-  torqueHasFailed() { return this.#wasm.session_torque_has_failed(this.#engine) !== 0; }
+  torqueState() { return TORQUES[this.#wasm.session_torque_state(this.#engine)]; }
   block(now) { return BLOCKS[this.#wasm.session_block(this.#engine, now)]; }
 
   // The arm's last readings. Missing numbers are NaN, missing texts are empty.

@@ -37,6 +37,12 @@ const STOP_TEXTS = {
   'without torque': 'Torque is off: nothing was sent.',
   failed: 'The arm may still move. Switch its supply off.',
 };
+// A confirmed torque is in the status.
+const TORQUE_TEXTS = {
+  'not shown': 'The torque request was sent. The status does not show its effect.',
+  contradicted: 'The torque request was sent. The status shows that it had no effect.',
+  'no reading': 'The torque request was sent. No reading came to show its effect.',
+};
 const STATE_TEXTS = {
   listening: 'listening',
   silent: 'no answer',
@@ -524,11 +530,10 @@ class Page {
     const output = element('block');
     const stop = this.#engine.stopState();
     const hasFailed = stop === 'failed';
-    output.classList.toggle('warn', hasFailed || this.#engine.torqueHasFailed() || (block !== null && isHeld));
-    const torque = this.#engine.torqueResult();
-    let text = block && !hasFailed ? BLOCK_TEXTS[block] : STOP_TEXTS[stop];
-    if (torque && !hasFailed) text = `${torque[0].toUpperCase()}${torque.slice(1)}.`;
-    set(output, text ?? 'Hold a key or button to move. Release it to stop.');
+    const torque = TORQUE_TEXTS[this.#engine.torqueState()];
+    output.classList.toggle('warn', hasFailed || torque !== undefined || (block !== null && isHeld));
+    const text = block && !hasFailed ? BLOCK_TEXTS[block] : STOP_TEXTS[stop];
+    set(output, torque ?? text ?? 'Hold a key or button to move. Release it to stop.');
   }
 
   #showFacts(time) {

@@ -158,10 +158,10 @@ pub extern "C" fn session_set_torque(engine: &mut Engine, now: f64, on: bool) {
     engine.session.set_torque(instant(now), torque);
 }
 
-/// True if the last change of the torque has failed.
+/// The number of the [`TorqueState`](crate::session::TorqueState).
 #[unsafe(no_mangle)]
-pub extern "C" fn session_torque_has_failed(engine: &Engine) -> bool {
-    engine.session.torque_result().is_some_and(|result| result.is_err())
+pub extern "C" fn session_torque_state(engine: &Engine) -> u8 {
+    engine.session.torque_state() as u8
 }
 
 /// The number of the [`State`](crate::session::State).
@@ -217,7 +217,7 @@ pub extern "C" fn arm_self_check(engine: &Engine) -> f64 {
 }
 
 /// Writes a text of the arm to the output and returns its length; 0 if the text is unknown. Text 0 is the status, 1 the
-/// serial number, escaped, 2 the version of the firmware, and 3 the result of the last change of the torque.
+/// serial number, escaped, and 2 the version of the firmware.
 #[unsafe(no_mangle)]
 pub extern "C" fn arm_text(engine: &mut Engine, which: usize) -> usize {
     let Engine { session, output, .. } = engine;
@@ -226,10 +226,6 @@ pub extern "C" fn arm_text(engine: &mut Engine, which: usize) -> usize {
         0 => arm.joints.map(|(_, reading)| reading.status.to_string()),
         1 => arm.info.map(|info| info.serial.to_string()),
         2 => arm.info.map(|info| info.firmware.to_string()),
-        3 => session.torque_result().map(|result| match result {
-            Ok(outcome) => outcome.to_string(),
-            Err(error) => error.to_string(),
-        }),
         _ => None,
     };
     put(output, text.unwrap_or_default().as_bytes())

@@ -4,7 +4,7 @@
 
 use std::num::NonZeroU32;
 
-use armwire::ling::effect::{self, Effect, EffectError, Outcome};
+use armwire::ling::effect::{self, Effect, EffectError};
 use armwire::ling::legacy::Detector;
 use armwire::ling::stop::{self, Grip, StopError, Stopped};
 use armwire::ling::{
@@ -121,6 +121,37 @@ impl From<Result<Stopped, StopError>> for StopState {
             }) => Self::GripMayLoosen,
             Ok(Stopped::WithoutTorque(_)) => Self::WithoutTorque,
             Err(_) => Self::Failed,
+        }
+    }
+}
+
+/// State of the last change of the torque. Its numbers are part of the interface to the page.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum TorqueState {
+    /// No change since the session or the last motion or stop began.
+    None = 0,
+    /// The torque is being switched.
+    Switching = 1,
+    /// A reading shows the torque.
+    Confirmed = 2,
+    /// The status does not show the torque.
+    NotShown = 3,
+    /// The status shows that the torque was not switched.
+    Contradicted = 4,
+    /// No reading came.
+    NoReading = 5,
+}
+
+impl From<Option<&ReadBack>> for TorqueState {
+    fn from(torque: Option<&ReadBack>) -> Self {
+        match torque.map(ReadBack::result) {
+            None => Self::None,
+            Some(None) => Self::Switching,
+            Some(Some(Ok(outcome))) if outcome.is_shown => Self::Confirmed,
+            Some(Some(Ok(_))) => Self::NotShown,
+            Some(Some(Err(EffectError::Contradicted { .. }))) => Self::Contradicted,
+            Some(Some(Err(_))) => Self::NoReading,
         }
     }
 }
@@ -333,10 +364,9 @@ impl Session {
         self.torque = Some(ReadBack::new(Effect::Torque(torque)));
     }
 
-    /// Returns the result of the last change of the torque. `None` until it is read back, and after the next motion or
-    /// stop has begun.
-    pub fn torque_result(&self) -> Option<Result<Outcome, EffectError>> {
-        self.torque.as_ref().and_then(ReadBack::result)
+    /// Returns the state of the last change of the torque.
+    pub fn torque_state(&self) -> TorqueState {
+        self.torque.as_ref().into()
     }
 
     /// Returns the state.
@@ -406,7 +436,9 @@ impl Session {
 
     /// Forgets the result of a change of the torque. One in progress goes on.
     fn forget_torque(&mut self) {
-        self.torque = self.torque.filter(|torque| torque.result().is_none());
+        if self.torque_state() != TorqueState::Switching {
+            self.torque = None;
+        }
     }
 
     /// Returns the last reading, if it is fresh.
@@ -426,7 +458,7 @@ impl Session {
     /// Returns the time at which the read in flight is abandoned for another request.
     fn interruption(&self) -> Option<Instant> {
         let (_, sent) = self.in_flight?;
-        if self.torque.is_some_and(|torque| !torque.is_sent()) {
+        if self.torque.as_ref().is_some_and(|torque| !torque.is_sent()) {
             return Some(sent + MAX_STOP_DELAY);
         }
         if let Some(stopping) = &self.stopping {

@@ -329,18 +329,15 @@ fn rows_of_readings_have_their_verdicts() {
                     _ => {}
                 }
             }
-            if ended.is_none() && session.torque_result().is_some() {
-                ended = Some(now);
-            }
+            let is_over = !matches!(session.torque_state(), TorqueState::None | TorqueState::Switching);
+            ended = ended.or(is_over.then_some(now));
         }
-        let result = session.torque_result().unwrap();
-        let is_shown = result.map(|outcome| outcome.is_shown).ok();
         let (expected, time) = match verdict {
-            "confirmed" => (Some(true), change),
-            "not-shown" => (Some(false), ReadBack::LIMIT),
-            _ => (None, ReadBack::LIMIT),
+            "confirmed" => (TorqueState::Confirmed, change),
+            "not-shown" => (TorqueState::NotShown, ReadBack::LIMIT),
+            _ => (TorqueState::Contradicted, ReadBack::LIMIT),
         };
-        assert_eq!(is_shown, expected, "{row}: {result:?}");
+        assert_eq!(session.torque_state(), expected, "{row}");
         // Other reads, which have no answers here, take their turns.
         let late = ended.unwrap().since(requested.unwrap()).as_micros() - time.as_micros();
         assert!(late < 200_000, "{row}: {late} us");
@@ -351,20 +348,19 @@ fn rows_of_readings_have_their_verdicts() {
 fn result_of_the_torque_ends_with_the_next_motion() {
     let mut bench = Bench::ready();
     bench.session.set_torque(bench.now, Torque::On);
-    assert_eq!(bench.session.torque_result(), None);
+    assert_eq!(bench.session.torque_state(), TorqueState::Switching);
     bench.run(200);
-    assert!(bench.session.torque_result().unwrap().unwrap().is_shown);
+    assert_eq!(bench.session.torque_state(), TorqueState::Confirmed);
     bench.hold(0, Direction::Up);
-    assert_eq!(bench.session.torque_result(), None);
+    assert_eq!(bench.session.torque_state(), TorqueState::None);
     bench.release();
     bench.run(200);
     bench.connected = false;
     bench.session.set_torque(bench.now, Torque::Off);
     bench.run(700);
-    let no_reading = EffectError::NoReading(Effect::Torque(Torque::Off));
-    assert_eq!(bench.session.torque_result(), Some(Err(no_reading)));
+    assert_eq!(bench.session.torque_state(), TorqueState::NoReading);
     bench.session.stop(bench.now);
-    assert_eq!(bench.session.torque_result(), None);
+    assert_eq!(bench.session.torque_state(), TorqueState::None);
 }
 
 #[test]
