@@ -248,7 +248,7 @@ def test_warm_arm_connects(virtual: sim.VirtualLing, tmp_path: Path) -> None:
     with armwire.Ling(virtual.port) as arm:
         # The temperature of its servos: the arm reports overheating, and holds.
         arm.set_temperature_limit_celsius(25)
-    robot = follower(virtual.port, tmp_path)
+    robot = follower(virtual.port, tmp_path, action_timeout_s=0, observation_max_age_s=10)
     with pytest.warns(UserWarning, match="torque on: sent; status overheating does not show its effect"):
         robot.connect()
     assert virtual.joints().status is MotionStatus.OVERHEATING
