@@ -8,6 +8,9 @@ use armwire::{Config, OutOfRange};
 use crate::memory;
 use crate::status::ArmwireStatus;
 
+/// The baud rate of a line without one.
+const NO_BAUD: u32 = u32::MAX;
+
 /// The timing of a client.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
@@ -30,7 +33,7 @@ impl ArmwireConfig {
     fn of(config: Config) -> Self {
         let micros = |time: Duration| u32::try_from(time.as_micros()).unwrap_or(u32::MAX);
         Self {
-            baud: config.baud.get(),
+            baud: config.baud.map_or(NO_BAUD, NonZeroU32::get),
             latency_us: micros(config.latency),
             stale_window_us: micros(config.stale_window),
             backlog_bytes: config.backlog,
@@ -39,9 +42,9 @@ impl ArmwireConfig {
     }
 
     pub(crate) fn get(&self) -> Result<Config, OutOfRange<u32>> {
-        let baud = NonZeroU32::new(self.baud);
+        let baud = NonZeroU32::new(self.baud).ok_or(OutOfRange::new("baud rate", "baud", 0, 1, u32::MAX))?;
         Ok(Config {
-            baud: baud.ok_or(OutOfRange::new("baud rate", "baud", 0, 1, u32::MAX))?,
+            baud: Some(baud).filter(|baud| baud.get() != NO_BAUD),
             latency: Duration::from_micros(self.latency_us.into()),
             repeats: self.repeats,
             stale_window: Duration::from_micros(self.stale_window_us.into()),

@@ -27,14 +27,14 @@ static ZEROS: [u8; 32] = [0; 32];
 /// use armwire::time::Duration;
 ///
 /// // Bluetooth serial: slow, with occasional delays.
-/// const BAUD: NonZeroU32 = NonZeroU32::new(115_200).unwrap();
-/// let config = Config { baud: BAUD, latency: Duration::from_millis(150), ..Config::default() };
+/// let baud = NonZeroU32::new(115_200);
+/// let config = Config { baud, latency: Duration::from_millis(150), ..Config::default() };
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Config {
-    /// Baud rate of the line, for the transmission time of messages; `NonZeroU32::MAX` for a line without a baud rate.
-    pub baud: NonZeroU32,
+    /// Baud rate of the line, for the transmission time of messages; `None` for a line without one.
+    pub baud: Option<NonZeroU32>,
     /// Maximum round-trip delay between host and line, caused by USB and the operating system. May be zero.
     pub latency: Duration,
     /// Number of repeats of an unanswered read request.
@@ -59,7 +59,7 @@ impl Default for Config {
 impl Config {
     /// 1 Mbaud over USB: 10 ms of latency, two repeats, answers up to 100 ms late, a receive buffer of 64 KiB.
     pub const DEFAULT: Self = Self {
-        baud: NonZeroU32::new(1_000_000).unwrap(),
+        baud: NonZeroU32::new(1_000_000),
         latency: Duration::from_millis(10),
         repeats: 2,
         stale_window: Duration::from_millis(100),
@@ -69,7 +69,7 @@ impl Config {
     /// A TCP connection in a local network: 100 ms of latency, answers up to a second late. No repeats, because TCP
     /// retransmits by itself.
     pub const TCP: Self = Self {
-        baud: NonZeroU32::MAX,
+        baud: None,
         latency: Duration::from_millis(100),
         repeats: 0,
         stale_window: Duration::from_millis(1_000),
@@ -81,7 +81,10 @@ impl Config {
         // Duration of a byte at 1 baud, in µs. The computation has two parts, because 64-bit division is slow on a
         // microcontroller.
         const BYTE: u32 = 10_000_000;
-        let (len, baud) = (u32::try_from(len).unwrap_or(u32::MAX), self.baud);
+        let Some(baud) = self.baud else {
+            return Duration::ZERO;
+        };
+        let len = u32::try_from(len).unwrap_or(u32::MAX);
         let whole = u64::from(len) * u64::from(BYTE / baud);
         // Less than 1 µs per byte.
         let rest = len

@@ -17,11 +17,9 @@ use crate::functions::{client, requests};
 use crate::memory;
 use crate::status::ArmwireStatus;
 
-/// The baud rate of the servo bus, and of the robot's Bluetooth serial port. USB accepts any rate.
-const BAUD: NonZeroU32 = NonZeroU32::new(115_200).unwrap();
-
+/// At the baud rate of the servo bus, and of the robot's Bluetooth serial port. USB accepts any rate.
 const SERIAL: Config = Config {
-    baud: BAUD,
+    baud: NonZeroU32::new(115_200),
     ..Config::DEFAULT
 };
 

@@ -29,7 +29,7 @@ type Alpha1Program = ProgramOf<Alpha1, { alpha1::MAX_FRAME }>;
 
 fn alpha1_program() -> Alpha1Program {
     Alpha1Program::new(ClientConfig {
-        baud: NonZeroU32::new(ALPHA1_BAUD).unwrap(),
+        baud: NonZeroU32::new(ALPHA1_BAUD),
         ..ClientConfig::DEFAULT
     })
 }

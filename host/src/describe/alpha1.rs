@@ -18,7 +18,7 @@ impl Arm for Alpha1 {
     const OTHER: (&'static str, Protocol) = ("a Ling arm", Protocol::Ling);
 
     const CONFIG: Config = Config {
-        baud: NonZeroU32::new(115_200).unwrap(),
+        baud: NonZeroU32::new(115_200),
         // The system may be busy, or there is Bluetooth between, and motion is not requested twice.
         latency: time::Duration::from_millis(250),
         ..Config::DEFAULT

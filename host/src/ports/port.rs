@@ -289,8 +289,14 @@ impl Connection {
         let usual = P::CONFIG;
         Ok(match &self.port {
             Port::Serial(port) => {
-                let baud = self.baud.unwrap_or(usual.baud);
-                (Box::new(Serial::open(port, baud.get())?), Config { baud, ..usual })
+                let Some(baud) = self.baud.or(usual.baud) else {
+                    return Err(Error::at(port, "the arm is not on a serial port"));
+                };
+                let config = Config {
+                    baud: Some(baud),
+                    ..usual
+                };
+                (Box::new(Serial::open(port, baud.get())?), config)
             }
             Port::Tcp(host) => {
                 let config = Config {

@@ -28,10 +28,9 @@ use crate::driver::{CallError, Clock, Counters, Driver};
 /// use armwire::alpha1::{Arm, Text};
 /// use armwire::driver::CallError;
 ///
-/// const BAUD: NonZeroU32 = NonZeroU32::new(115_200).unwrap();
-///
 /// async fn play<P: Read + Write>(port: P, clock: impl Clock, name: Text<'_>) -> Result<(), CallError<P::Error>> {
-///     let mut arm = Arm::new(port, clock, Config { baud: BAUD, ..Config::DEFAULT });
+///     let baud = NonZeroU32::new(115_200);
+///     let mut arm = Arm::new(port, clock, Config { baud, ..Config::DEFAULT });
 ///     arm.stop().await?;
 ///     arm.play(name).await
 /// }

@@ -816,7 +816,7 @@ fn only_reads_that_move_nothing_are_repeated() {
 fn servo_answers_within_400_microseconds() {
     let request = Request::Servo(moving(Address::One(id(1))));
     let config = Config {
-        baud: NonZeroU32::new(115_200).unwrap(),
+        baud: NonZeroU32::new(115_200),
         latency: time::Duration::ZERO,
         ..Config::DEFAULT
     };

@@ -26,7 +26,7 @@ type Host<D> = Wire<Alpha1, D, MAX_FRAME>;
 
 /// The baud rate of the servo bus, also possible for a robot.
 const LINE: Config = Config {
-    baud: NonZeroU32::new(115_200).unwrap(),
+    baud: NonZeroU32::new(115_200),
     ..Config::DEFAULT
 };
 

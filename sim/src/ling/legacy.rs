@@ -167,7 +167,7 @@ mod tests {
 
     fn host<D: SerialDevice>(baud: u32, arm: D) -> Wire<Legacy, D, MAX_FRAME> {
         let config = armwire::Config {
-            baud: NonZeroU32::new(baud).unwrap(),
+            baud: NonZeroU32::new(baud),
             ..armwire::Config::default()
         };
         Wire::new(config, arm)

@@ -22,7 +22,7 @@ use crate::log::{Log, Record};
 
 /// 1 Mbaud, and the latency of a browser. Reads are cyclic: a lost read is not repeated.
 const CONFIG: Config = Config {
-    baud: NonZeroU32::new(1_000_000).unwrap(),
+    baud: NonZeroU32::new(1_000_000),
     latency: Duration::from_millis(50),
     repeats: 0,
     stale_window: Duration::from_millis(100),

@@ -16,9 +16,8 @@
 //! use armwire::time::Instant;
 //! use armwire::{Client, Config, Event, Output};
 //!
-//! const BAUD: NonZeroU32 = NonZeroU32::new(921_600).unwrap();
-//!
-//! let mut client = Client::<Legacy, MAX_FRAME>::new(Legacy, Config { baud: BAUD, ..Config::default() });
+//! let baud = NonZeroU32::new(921_600);
+//! let mut client = Client::<Legacy, MAX_FRAME>::new(Legacy, Config { baud, ..Config::default() });
 //! let line = [
 //!     0xAA, 0x14, 0x12, 0xA9, 0x07, 0xA9, 0x07, 0xE6, 0x0C, 0x19, 0x03, 0x6D, 0x06, 0x92, 0x09, 0x2F, 0x07, 0xED,
 //!     0x04, 0x81, 0x08, 0x00, 0xFF,
