@@ -97,5 +97,5 @@ pub use ports::tap::Tap;
 pub use ports::tcp::TcpAddress;
 pub use ports::{adapter, control, line_reservation, settings};
 pub use reader::{Counts, Rate, Readable, Reader, Reading, Stamping};
-pub use time::silence::Silence as SilenceLimit;
+pub use time::silence::SilenceLimit;
 pub use time::{stamps, stopwatch};

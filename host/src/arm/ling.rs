@@ -22,7 +22,7 @@ use crate::error::{Error, Silence, TorqueOffEffect};
 use crate::ports::control::Adapter;
 use crate::ports::link::{Interrupt, LineErrors, Link};
 use crate::ports::port::Connection;
-use crate::time::silence::Silence as Silent;
+use crate::time::silence::SilenceLimit;
 use crate::time::stopwatch::Stopwatch;
 
 pub use stream::Stream;
@@ -93,7 +93,7 @@ impl Connection {
 
 impl Ling {
     /// The time without an answer after which an arm in motion is asked to stop.
-    pub const SILENCE: Duration = Duration::from_micros(Silent::STOP.least().as_micros());
+    pub const SILENCE: Duration = Duration::from_micros(SilenceLimit::STOP.least().as_micros());
 
     /// Reads the arm's kind, serial number and versions.
     pub fn read_info(&mut self) -> Result<Info, Error> {

@@ -24,7 +24,7 @@ use crate::error::outside::Outside;
 use crate::error::received::Missing;
 use crate::error::text::{Remedy, Text};
 use crate::error::usb_fault::UsbFault;
-use crate::time::silence;
+use crate::time::silence::SilenceLimit;
 
 /// The reason for a failed call, in one line: [`Display`] is for people, the variant is for programs. Text from outside is
 /// escaped: see [`Outside`].
@@ -200,7 +200,7 @@ impl Error {
             }
             Self::NoEffect { name, cause } => at(name, &cause.to_string()),
             Self::Unanswered { name, silence } => {
-                let seconds = silence::Silence::STOP.least().as_micros() / 1_000_000;
+                let seconds = SilenceLimit::STOP.least().as_micros() / 1_000_000;
                 let what = at(name, &format!("no answer for {seconds} s during a motion (")).append(&silence.cause);
                 match (&silence.stopped, silence.last) {
                     (Ok(Stopped::AtRest { state, .. }), _) => what.and(&format!("), so the arm was stopped: {state}")),

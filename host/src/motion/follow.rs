@@ -11,10 +11,10 @@ use armwire::time::{Duration, Instant};
 
 use crate::motion::goal::{APPROACH_SPEED, Deviation, Goal, Limits, degrees, farthest, seconds};
 use crate::time::pace::Pace;
-use crate::time::silence::Silence;
+use crate::time::silence::SilenceLimit;
 
 /// The time for the first readings.
-const MAX_WAIT: Duration = Silence::STOP.least();
+const MAX_WAIT: Duration = SilenceLimit::STOP.least();
 /// Distance of the arms, in ticks, up to which the follower follows at once: 5°.
 const NEAR: f64 = 56.0;
 /// Distance of the leader from the goal, in ticks, from which on it is not followed: 45°. A joint that turns past ±180°
@@ -337,7 +337,7 @@ impl Follow {
 
     /// The reason to rest, if an arm was not read for too long.
     fn late(&self, now: Instant, leader: &Reading, follower: &Reading) -> Option<Pause> {
-        let limit = Silence::PAUSE.at(self.pace.period());
+        let limit = SilenceLimit::PAUSE.at(self.pace.period());
         let ages = [now.since(leader.at), now.since(follower.at)];
         match ages.map(|age| age > limit) {
             [true, _] => Some(Pause::LeaderLate(ages[0])),

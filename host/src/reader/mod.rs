@@ -26,7 +26,7 @@ use crate::error::Error;
 use crate::error::outside::Outside;
 use crate::ports::control::Adapter;
 use crate::time::pace::Pace;
-use crate::time::silence::Silence;
+use crate::time::silence::SilenceLimit;
 use crate::time::stamps::{HostTime, monotonic};
 use crate::time::stopwatch::Stopwatch;
 use history::{History, Missing};
@@ -308,7 +308,7 @@ impl<A: Readable> Reader<A> {
         Self {
             arm: arm.clone(),
             history: Arc::new(History::new()),
-            max_age: Silence::POSE.at(time::Duration::from_micros(rate.micros())).into(),
+            max_age: SilenceLimit::POSE.at(time::Duration::from_micros(rate.micros())).into(),
             stop: Arc::default(),
             thread: None,
         }

@@ -4,9 +4,9 @@ use armwire::time::Duration;
 
 /// A limit of the time without a reading. It is three periods of the readings at least: a slow reader is not a silent arm.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Silence(Duration);
+pub struct SilenceLimit(Duration);
 
-impl Silence {
+impl SilenceLimit {
     /// A pose counts as the newest one.
     pub const POSE: Self = Self(Duration::from_millis(100));
     /// Teleoperation goes on; after it the follower rests, and follows again when both arms are read.
@@ -35,7 +35,7 @@ mod tests {
 
     #[test]
     fn slow_readings_are_no_silence() {
-        let at = |millis| Silence::PAUSE.at(Duration::from_millis(millis)).as_micros() / 1_000;
+        let at = |millis| SilenceLimit::PAUSE.at(Duration::from_millis(millis)).as_micros() / 1_000;
         assert_eq!([10, 50, 51].map(at), [150, 150, 153]);
     }
 }

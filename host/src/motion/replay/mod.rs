@@ -15,7 +15,7 @@ use armwire::time::{Duration, Instant};
 
 use crate::motion::goal::{APPROACH_SPEED, Deviation, Goal, Limits, degrees, farthest, seconds};
 use crate::time::pace::Pace;
-use crate::time::silence::Silence;
+use crate::time::silence::SilenceLimit;
 
 pub use motion::{Motion, Point, Range, Refusal};
 pub use tracking::Tracking;
@@ -185,7 +185,7 @@ impl Replay {
             Phase::Approach | Phase::Pause(_) | Phase::Play(_) | Phase::Rest(_) => {}
         }
         let age = now.since(self.arm.as_ref().map_or(begun, |arm| arm.at));
-        if age > Silence::FAILURE.at(self.pace.period()) {
+        if age > SilenceLimit::FAILURE.at(self.pace.period()) {
             let failure = Failure::Silent(age);
             self.phase = Phase::Failed(failure);
             return Err(failure);
