@@ -116,7 +116,7 @@ fn recording_of_a_noisy_line_has_the_noise() {
 
 #[test]
 fn every_arm_can_be_recorded() {
-    let xarm = sim_xarm::Arm::start(&["--no-report"]);
+    let xarm = sim_xarm::SimXArm::start(&["--no-report"]);
     let host = xarm.addresses()[0];
     let alpha1 = Arm::start("alpha1", "recorded-alpha1", &[]);
     let legacy = Arm::start("ling", "recorded-legacy", &["--legacy"]);

@@ -9,14 +9,14 @@ use rustix::process::{Pid, Signal, kill_process};
 use crate::common::{PROGRAM, TIMEOUT, failure, finish, run, start, success, usage};
 
 /// A running `armwire sim xarm` on free ports.
-pub(crate) struct Arm {
+pub(crate) struct SimXArm {
     /// `None` after [`finish`](Self::finish).
     child: Option<Child>,
     /// Its first output.
     line: String,
 }
 
-impl Arm {
+impl SimXArm {
     pub(crate) fn start(args: &[&str]) -> Self {
         let listen = ["sim", "xarm", "--listen", "127.0.0.1:0"];
         Self::run(Command::new(PROGRAM).args(listen).args(args))
@@ -66,7 +66,7 @@ impl Arm {
     }
 }
 
-impl Drop for Arm {
+impl Drop for SimXArm {
     fn drop(&mut self) {
         if let Some(mut child) = self.child.take() {
             let _ = child.kill();
@@ -83,7 +83,7 @@ fn connect(address: &str) -> TcpStream {
 
 #[test]
 fn virtual_xarm_reports_its_address_and_traffic() {
-    let arm = Arm::start(&[
+    let arm = SimXArm::start(&[
         "--report-listen",
         "127.0.0.1:0",
         "--axes",
@@ -127,7 +127,7 @@ fn virtual_xarm_reports_its_address_and_traffic() {
 
 #[test]
 fn virtual_xarm_starts_with_given_error_and_warning() {
-    let arm = Arm::start(&["--no-report", "--error", "2", "--warning", "13"]);
+    let arm = SimXArm::start(&["--no-report", "--error", "2", "--warning", "13"]);
     assert!(arm.line.contains(", without reports;"), "{}", arm.line);
     let mut client = connect(arm.addresses()[0]);
     client.write_all(&[0, 1, 0, 2, 0, 1, 15]).unwrap();
@@ -139,7 +139,7 @@ fn virtual_xarm_starts_with_given_error_and_warning() {
 
 #[test]
 fn virtual_xarm_ends_on_a_clients_shutdown() {
-    let arm = Arm::start(&["--no-report"]);
+    let arm = SimXArm::start(&["--no-report"]);
     let mut client = connect(arm.addresses()[0]);
     client.write_all(&[0, 1, 0, 2, 0, 2, 10, 1]).unwrap();
     let mut answer = Vec::new();
@@ -169,7 +169,7 @@ fn remote_access_needs_an_option() {
         let text = usage(&args.concat());
         assert!(text.contains("--allow-remote") && text.contains(open[1]), "{text}");
     }
-    let arm = Arm::start(&["--report-listen", "0.0.0.0:0", "--allow-remote"]);
+    let arm = SimXArm::start(&["--report-listen", "0.0.0.0:0", "--allow-remote"]);
     assert!(arm.line.contains("its reports at 0.0.0.0:"), "{}", arm.line);
     arm.interrupt();
     assert!(success(&["sim", "xarm", "--help"]).contains("any program that reaches the arm can move, reboot and shut"));
@@ -214,7 +214,7 @@ fn assert_answers(mut client: &TcpStream) {
 
 #[test]
 fn silent_clients_do_not_block_others() {
-    let arm = Arm::start(&["--report-listen", "127.0.0.1:0"]);
+    let arm = SimXArm::start(&["--report-listen", "127.0.0.1:0"]);
     let [control, report] = arm.addresses()[..] else {
         panic!("{}", arm.line)
     };
@@ -240,7 +240,7 @@ fn virtual_xarm_survives_running_out_of_files() {
         "127.0.0.1:0",
         "--no-report",
     ];
-    let mut arm = Arm::run(Command::new("sh").args(limited));
+    let mut arm = SimXArm::run(Command::new("sh").args(limited));
     let control = arm.addresses()[0].to_owned();
     let clients: Vec<_> = (0..30).map(|_| connect(&control)).collect();
     let line = arm.wait_for("cannot accept");

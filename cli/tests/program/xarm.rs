@@ -338,7 +338,7 @@ fn unknown_host_name_is_reported() {
 
 #[test]
 fn all_commands_work_with_a_virtual_xarm() {
-    let sim = sim_xarm::Arm::start(&["--no-report"]);
+    let sim = sim_xarm::SimXArm::start(&["--no-report"]);
     let host = sim.addresses()[0];
     let info = success(&["info", "--arm", "xarm", host]);
     let monitored = success(&["monitor", "--arm", "xarm", host, "--rate", "100", "--count", "2"]);
