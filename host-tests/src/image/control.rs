@@ -139,3 +139,15 @@ pub fn expect_exact(stamps: &[Stamp], instants: &[Nanos]) {
     println!("stamps differ from the last stop bits by up to {} ns", most - least);
     assert!(most - least <= 2_000, "{} ns", most - least);
 }
+
+/// Expects that the bytes on the line are frames of `len` bytes, each with an exact stamp in an event of its own.
+///
+/// # Panics
+///
+/// As of [`expect_exact`].
+pub fn expect_exact_frames<A: Arm>(board: &mut VirtualBoard<A>, control: &mut Control, len: usize) {
+    let bytes = board.uart().bytes();
+    let ends: Vec<_> = bytes.chunks(len).map(|frame| frame[frame.len() - 1].at).collect();
+    let stamps: Vec<_> = control.take_events(board).iter().map(|&(at, _)| at).collect();
+    expect_exact(&stamps, &ends);
+}

@@ -28,7 +28,7 @@ use armwire_virtual_board::{Config, Nanos, VirtualBoard};
 
 pub use can_program::CanProgram;
 pub use chip::{Facts, chip, facts};
-pub use control::{Control, expect_exact};
+pub use control::{Control, expect_exact, expect_exact_frames};
 pub use figures::Spread;
 pub use hosts::{CanHost, Hosts, RequestTracker, Subscriber, Telemetry, UsbHost, run_until_unread};
 pub use program::{Program, ProgramOf};

@@ -6,8 +6,8 @@ use armwire::ling::JOINTS;
 use armwire_bridge::config::Config;
 use armwire_bridge::control::{self, Reply};
 use armwire_host_tests::image::{
-    Control, MEGABAUD, RawArm, chip, counters, exchange, expect_exact, facts, joint_answer, noise, on_board_with, open,
-    path, plug_in, read_all, same_bytes,
+    Control, MEGABAUD, RawArm, chip, counters, exchange, expect_exact_frames, facts, joint_answer, noise,
+    on_board_with, open, path, plug_in, read_all, same_bytes,
 };
 use armwire_sim::ling::LingArm;
 use armwire_virtual_board::line::Arm;
@@ -53,14 +53,8 @@ fn erase_takes_the_time_of_whole_words() {
     }
 }
 
-/// Bytes from the arm during an erase, and the time between its start and the first of them.
-struct Burst {
-    len: usize,
-    after: Nanos,
-}
-
-/// Saves, and sends bytes from the arm during the erase. Returns what the host received.
-fn send_during_erase(board: &mut VirtualBoard<RawArm>, burst: &Burst) -> Vec<u8> {
+/// Saves, and sends `len` bytes from the arm, `after` the start of the erase. Returns what the host received.
+fn send_during_erase(board: &mut VirtualBoard<RawArm>, len: usize, after: Nanos) -> Vec<u8> {
     plug_in(board, MEGABAUD);
     let mut control = Control::open(board);
     let mut config = Config::default();
@@ -71,9 +65,9 @@ fn send_during_erase(board: &mut VirtualBoard<RawArm>, burst: &Burst) -> Vec<u8>
     board
         .run_until(Nanos::from_millis(10), |board| board.flash_operations() > idle)
         .unwrap();
-    board.run_for(burst.after).unwrap();
+    board.run_for(after).unwrap();
     assert!(board.erases().is_empty(), "the erase has ended");
-    board.with_arm(|arm| arm.send(&noise(1, burst.len)));
+    board.with_arm(|arm| arm.send(&noise(1, len)));
     board.run_for(facts(chip()).erase[0]).unwrap();
     let received = read_all(board);
     assert!(!board.erases().is_empty(), "the erase goes on");
@@ -87,7 +81,7 @@ fn bytes_during_erase_arrive_as_far_as_the_ring_has_room() {
     for after in [Nanos::from_millis(1), nearly] {
         for len in [7, ROOM] {
             on_board_with(with_full_flash(RawArm::default(), Timing::Typical), |board| {
-                let received = send_during_erase(board, &Burst { len, after });
+                let received = send_during_erase(board, len, after);
                 same_bytes("the host", &received, &noise(1, len));
                 assert_eq!(
                     counters(board).ring_overruns,
@@ -105,7 +99,7 @@ fn bytes_during_erase_beyond_the_ring_are_counted_as_overrun() {
     for len in [1_100, 1_500, 1_900, 2_000, 2_500, 3_000] {
         on_board_with(with_full_flash(RawArm::default(), Timing::Typical), |board| {
             let after = Nanos::from_millis(1);
-            let received = send_during_erase(board, &Burst { len, after });
+            let received = send_during_erase(board, len, after);
             let sent = noise(1, len);
             assert!(
                 sent.ends_with(&received),
@@ -139,13 +133,7 @@ fn frames_during_erase_arrive_before_change_of_rate() {
         same_bytes("the host", &read_all(board), &frames);
         // The STM32s stamp by an interrupt handler, which waits for the flash.
         if chip() == Chip::Rp2040 {
-            let ends = board.uart().bytes();
-            let ends: Vec<Nanos> = ends
-                .chunks(frames.len() / usize::from(FRAMES))
-                .map(|frame| frame.last().unwrap().at)
-                .collect();
-            let stamps: Vec<_> = control.take_events(board).iter().map(|&(at, _)| at).collect();
-            expect_exact(&stamps, &ends);
+            expect_exact_frames(board, &mut control, frames.len() / usize::from(FRAMES));
             assert_eq!(counters(board).late_stamps, 0);
         }
         board.run_for(Nanos(CHANGE)).unwrap();
@@ -176,13 +164,7 @@ fn frames_during_erase_have_exact_stamps() {
             }
             assert_eq!(control.reply(board), Reply::Done);
             board.run_for(Nanos::from_millis(20)).unwrap();
-            let ends = board.uart().bytes();
-            let ends: Vec<Nanos> = ends
-                .chunks(joint_answer([0; JOINTS]).len())
-                .map(|frame| frame.last().unwrap().at)
-                .collect();
-            let stamps: Vec<_> = control.take_events(board).iter().map(|&(at, _)| at).collect();
-            expect_exact(&stamps, &ends);
+            expect_exact_frames(board, &mut control, joint_answer([0; JOINTS]).len());
             assert_eq!(counters(board).late_stamps, 0);
         });
     }
