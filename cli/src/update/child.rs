@@ -16,7 +16,7 @@ use std::time::{Duration, Instant};
 #[cfg(unix)]
 use rustix::process::{Pid, Signal, kill_process_group};
 
-use crate::printable::cut;
+use crate::printable::{cut, escaped_lines};
 
 /// Period of the checks for its end.
 const POLL_PERIOD: Duration = Duration::from_millis(20);
@@ -103,22 +103,14 @@ fn keep(mut from: impl Read, is_shown: bool) -> Vec<u8> {
             Ok(n) => {
                 kept.extend(&bytes[..n]);
                 if is_shown {
-                    let shown: Vec<u8> = bytes[..n].iter().map(|byte| without_controls(*byte)).collect();
-                    drop(stderr().write_all(&shown));
+                    // USB devices name themselves.
+                    let shown = escaped_lines(&String::from_utf8_lossy(&bytes[..n]));
+                    drop(stderr().write_all(shown.as_bytes()));
                 }
             }
             Err(error) if error.kind() == ErrorKind::Interrupted => {}
             Err(_) => return kept,
         }
-    }
-}
-
-/// The byte, or `?` for a control character that moves more than to the next line: USB devices name themselves.
-const fn without_controls(byte: u8) -> u8 {
-    match byte {
-        b'\r' | b'\n' | b'\t' => byte,
-        0..=0x1F | 0x7F => b'?',
-        _ => byte,
     }
 }
 
@@ -139,12 +131,6 @@ mod tests {
         assert_eq!(last_line(output), ": dfu-util: Lost device after RESET?");
         assert_eq!(last_line(b"Download\t 20%\rDownload\t 40%"), ": Download\t 40%");
         assert_eq!(last_line(b"\n"), "");
-    }
-
-    #[test]
-    fn controls_of_a_terminal_are_not_shown() {
-        let shown = b"Download\t 20%\r\x1b]0;name\x07\n\x7f".map(without_controls);
-        assert_eq!(shown, *b"Download\t 20%\r?]0;name?\n?");
     }
 
     #[cfg(unix)]
