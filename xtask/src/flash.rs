@@ -1,8 +1,7 @@
 //! `cargo fw` and the runner of `cargo run`: the firmware image, built, and flashed by probe-rs or by a copy to the drive of
 //! a Pico's boot loader.
 
-use std::fs::{self, File};
-use std::io::Write as _;
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, exit};
 
@@ -13,6 +12,7 @@ use crate::board::{Board, Update};
 use crate::image;
 use crate::process::{output, replace_ourselves};
 use crate::program::Program;
+use crate::rom_drive::{self, LABEL};
 
 #[derive(Args)]
 pub(crate) struct FwOptions {
@@ -86,18 +86,16 @@ fn check_probe_rs() -> Result<()> {
     Ok(())
 }
 
-/// Checks that a folder is the drive of this board's boot loader (RP2040 datasheet 2.8.4.2).
+/// Checks that a folder is the drive of this board's boot loader.
 fn check_drive(drive: &Path, board: Board) -> Result<()> {
     ensure!(
         board.update() == Update::Uf2,
         "--drive: the boot loader of {} has no drive",
         board.name()
     );
-    let text = fs::read_to_string(drive.join("INFO_UF2.TXT")).unwrap_or_default();
-    let mut boards = text.lines().filter_map(|line| line.strip_prefix("Board-ID:"));
     ensure!(
-        boards.any(|board| board.trim() == "RPI-RP2"),
-        "{}: not the drive RPI-RP2: hold BOOTSEL down while you plug the board in",
+        rom_drive::is_at(drive),
+        "{}: not the drive {LABEL}: hold BOOTSEL down while you plug the board in",
         drive.display()
     );
     Ok(())
@@ -105,12 +103,9 @@ fn check_drive(drive: &Path, board: Board) -> Result<()> {
 
 /// Copies an image to the drive. The boot loader flashes it and starts it.
 fn copy_to(drive: &Path, image: &Path) -> Result<()> {
-    let name = image.file_name().context("an image has a name")?;
-    let bytes = fs::read(image)?;
-    let mut file = File::create(drive.join(name))?;
-    file.write_all(&bytes)?;
-    file.sync_all()
-        .with_context(|| format!("cannot write to {}", drive.display()))?;
+    let name = image.file_name().context("an image has a name")?.to_string_lossy();
+    let written = rom_drive::write(drive, &name, &fs::read(image)?).and_then(|file| file.sync_all());
+    written.with_context(|| format!("cannot write to {}", drive.display()))?;
     println!("{} is on {}: the board starts it", image.display(), drive.display());
     Ok(())
 }

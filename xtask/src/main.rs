@@ -36,6 +36,9 @@ mod program;
 mod python;
 mod readme;
 mod recordings;
+// The command's drive of a boot loader.
+#[path = "../../cli/src/update/rom_drive.rs"]
+mod rom_drive;
 mod ros2;
 mod semver;
 mod soak;

@@ -1,21 +1,16 @@
 //! The boot loader of the RP2040: a drive that takes a UF2 file (RP2040 datasheet 2.8.4).
 
-use std::fs::{self, File};
-use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use super::boot_loader::BootLoader;
+use super::rom_drive::{self, LABEL};
 use super::volumes::Volumes;
 use super::{as_word, progress};
 use crate::error::Error;
 use crate::output::print_error;
 use crate::status::StatusArg;
 
-/// The label of the drive, and the board in the file that describes it.
-const LABEL: &str = "RPI-RP2";
-/// The file that describes the drive.
-const INFO: &str = "INFO_UF2.TXT";
-/// The file's name on the drive. The boot loader ignores it.
+/// The file's name on the drive.
 const FILE: &str = "armwire.uf2";
 /// Number of searches that find the drive unmounted until this program mounts it. A desktop does so within this time.
 const PATIENCE: usize = 6;
@@ -55,7 +50,7 @@ impl Drive {
             Some(folder) => vec![folder.clone()],
             None => self.volumes.folders(),
         };
-        folders.into_iter().find(|folder| is_boot_loader(folder))
+        folders.into_iter().find(|folder| rom_drive::is_at(folder))
     }
 
     /// The device of the drive, which is not mounted. A user who named a folder mounts it there.
@@ -64,13 +59,6 @@ impl Drive {
             Some(_) => None,
             None => self.volumes.device(LABEL),
         }
-    }
-
-    /// Copies the image. The system may write it to the drive later.
-    fn copy_to(&self, folder: &Path) -> io::Result<File> {
-        let mut file = File::create(folder.join(FILE))?;
-        file.write_all(&self.bytes)?;
-        Ok(file)
     }
 }
 
@@ -142,10 +130,10 @@ impl BootLoader for Drive {
         progress(format!("copying {image} to {place}"));
         let mut line = status.line();
         line.begin(0, format!("writing {} bytes", self.bytes.len()));
-        let copied = self.copy_to(folder);
+        let copied = rom_drive::write(folder, FILE, &self.bytes);
         let written = copied.and_then(|file| match file.sync_all() {
             // The chip starts the new firmware after the last page, perhaps before the system has written the rest.
-            Err(error) if !is_boot_loader(folder) => {
+            Err(error) if !rom_drive::is_at(folder) => {
                 line.beside(|| print_error(&format_args!("{place}: the drive went away: {error}")));
                 Ok(())
             }
@@ -159,17 +147,12 @@ impl BootLoader for Drive {
     }
 }
 
-/// Returns true if the drive of an RP2040's boot loader is at this folder.
-fn is_boot_loader(folder: &Path) -> bool {
-    let info = fs::read_to_string(folder.join(INFO)).unwrap_or_default();
-    let mut lines = info.lines().filter_map(|line| line.strip_prefix("Board-ID:"));
-    lines.any(|board| board.trim() == LABEL)
-}
-
 #[cfg(all(test, target_os = "linux"))]
 mod tests {
+    use std::fs;
     use std::process::Command;
 
+    use super::super::rom_drive::INFO;
     use super::*;
 
     /// A system with a drive of the boot loader, which is not mounted.

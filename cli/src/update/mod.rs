@@ -14,6 +14,7 @@ mod dfu_util;
 mod drive;
 mod image;
 mod interruption;
+mod rom_drive;
 mod volumes;
 
 use std::fmt::Display;
