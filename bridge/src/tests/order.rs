@@ -8,7 +8,7 @@ use std::vec::Vec;
 
 use armwire::ling;
 
-use super::rig::{Rig, at, ling, motion, send_request, transmit};
+use super::rig::{Rig, at, ling, motion, send_request, streaming_on_can_into_a_self_check, transmit};
 use crate::can::command::Command;
 use crate::can::{Frame, Function, Node};
 use crate::config::{Can, Config, HostTimeout, Poll};
@@ -88,16 +88,8 @@ fn identification_follows_the_bus_check() {
 
 #[test]
 fn motion_of_silent_host_is_dropped_without_listener() {
-    let mut rig = Rig::new(silent_after(200));
-    rig.subscribe();
-    for _ in 0..3 {
-        rig.can_out.push_back(motion());
-        rig.run(10_000);
-    }
-    // A self-check without an answer keeps the line, and three motions wait.
-    rig.responder = Box::new(|_| None);
-    rig.usb_out.extend(ling::SELF_CHECK);
-    rig.run(1_000);
+    let mut rig = streaming_on_can_into_a_self_check(silent_after(200));
+    // Three motions wait.
     for _ in 0..3 {
         rig.can_out.push_back(motion());
         rig.run(5_000);

@@ -406,6 +406,20 @@ pub(super) struct Burst {
     pub(super) start: Option<Instant>,
 }
 
+/// A host on CAN streams motion until a self-check of 500 ms fills the queue.
+pub(super) fn streaming_on_can_into_a_self_check(config: Config) -> Rig {
+    let mut rig = Rig::new(config);
+    rig.subscribe();
+    for _ in 0..3 {
+        rig.can_out.push_back(motion());
+        rig.run(10_000);
+    }
+    rig.responder = Box::new(|_| None);
+    rig.usb_out.extend(ling::SELF_CHECK);
+    rig.run(1_000);
+    rig
+}
+
 /// Takes the next bytes for the arm.
 pub(super) fn transmit(bridge: &mut Bridge, out: &mut [u8], now: Instant) -> Option<Burst> {
     match bridge.uart_transmit(out, now)? {

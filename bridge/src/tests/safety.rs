@@ -9,7 +9,7 @@ use std::vec::Vec;
 use armwire::ling::{self, Ling};
 use armwire::messages::Messages;
 
-use super::rig::{Rig, at, ling, ling_responder, motion, send_request, transmit};
+use super::rig::{Rig, at, ling, ling_responder, motion, send_request, streaming_on_can_into_a_self_check, transmit};
 use crate::can::command::Command;
 use crate::can::telemetry::event_from_frame;
 use crate::can::{Frame, Function, Node};
@@ -192,20 +192,6 @@ fn stream_from_can_is_watched_too() {
             ..
         }
     ));
-}
-
-/// A host on CAN streams motion until a self-check of 500 ms fills the queue.
-fn streaming_on_can_into_a_self_check(config: Config) -> Rig {
-    let mut rig = Rig::new(config);
-    rig.subscribe();
-    for _ in 0..3 {
-        rig.can_out.push_back(motion());
-        rig.run(10_000);
-    }
-    rig.responder = Box::new(|_| None);
-    rig.usb_out.extend(ling::SELF_CHECK);
-    rig.run(1_000);
-    rig
 }
 
 #[test]
