@@ -1,132 +1,32 @@
-//! Blocking calls over a line, one at a time.
+//! Calls: a request, and the wait for its answer.
 
-use std::error;
-use std::fmt;
-use std::ops::Add;
-use std::time::{Duration, Instant};
+use std::mem;
+use std::ops::ControlFlow::{Break, Continue};
+use std::time::Instant;
 
-use armwire::framing::Reason;
 use armwire::messages::OtherAnswer;
-use armwire::{Client, Config, ErrorFrame, Event, Output, xarm};
+use armwire::{ErrorFrame, Event, ParseError};
 
+use super::Link;
+use super::line_client::BUFFER;
 use crate::describe::Arm;
 use crate::error::Error;
 use crate::error::received::{Missing, Received};
-use crate::ports::line::{Line, Names, Reception};
-use crate::ports::tap::{Tap, Tapped};
-use crate::time::stopwatch::{Stopwatch, after};
+use crate::ports::line::{Names, Reception};
+use crate::time::stopwatch::after;
 
-/// Buffer size: the longest frame of every protocol fits.
-const BUFFER: usize = xarm::MAX_FRAME;
-/// Number of received bytes kept for hints after a missing answer.
-const MAX_KEPT: usize = 256;
-
-/// Maximum wait for a line between two calls of a program's interrupt.
-const INTERRUPT_PERIOD: Duration = Duration::from_millis(100);
-
-/// The result of a check during waits. Its error ends the wait.
-pub type Interrupt = Result<(), Box<dyn error::Error + Send + Sync>>;
-
-/// The check of a program.
-type Check = Box<dyn FnMut() -> Interrupt + Send>;
-
-/// Errors on a line since it was opened.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[non_exhaustive]
-pub struct LineErrors {
-    /// Bytes outside frames.
-    pub noise_bytes: usize,
-    /// Frames with a wrong checksum.
-    pub checksums: usize,
-}
-
-impl Add for LineErrors {
-    type Output = Self;
-
-    fn add(self, other: Self) -> Self {
-        Self {
-            noise_bytes: self.noise_bytes + other.noise_bytes,
-            checksums: self.checksums + other.checksums,
-        }
-    }
-}
-
-impl LineErrors {
-    fn count(&mut self, noise: &[u8], reason: Reason) {
-        self.noise_bytes += noise.len();
-        self.checksums += usize::from(matches!(reason, Reason::Checksum { .. }));
-    }
-}
-
-/// An open line with a client on it.
-pub struct Link<P: Arm> {
-    line: Tapped,
-    client: Client<P, BUFFER>,
-    /// Bytes read but not yet passed to the client.
-    unread: Vec<u8>,
-    clock: Stopwatch,
-    stale_window: Duration,
-    interrupt: Option<Check>,
-    /// Text of the interrupt's last error that was not taken. A check may report once, and its error may be dropped.
-    interrupted: Option<String>,
-    errors: LineErrors,
+/// The end of a call by an event of the client.
+enum End<T> {
+    /// The answer as converted, or `None` if the request has none.
+    Done(Option<T>),
+    Unacceptable(ParseError),
+    ErrorFrame(ErrorFrame),
+    TimedOut {
+        sends: u8,
+    },
 }
 
 impl<P: Arm> Link<P> {
-    /// A client on this line with the timing in `config`.
-    pub(crate) fn new(line: Box<dyn Line>, config: Config) -> Self {
-        Self {
-            line: Tapped::new(line),
-            client: Client::new(P::default(), config),
-            unread: Vec::new(),
-            clock: Stopwatch::start(),
-            stale_window: config.stale_window.into(),
-            interrupt: None,
-            interrupted: None,
-            errors: LineErrors::default(),
-        }
-    }
-
-    /// The protocol, to change what the next requests are like.
-    pub fn messages_mut(&mut self) -> &mut P {
-        self.client.messages_mut()
-    }
-
-    /// Makes calls run this check at least every 100 ms while they wait. Its error ends the call, as
-    /// [`Error::Interrupted`].
-    pub fn set_interrupt(&mut self, check: impl FnMut() -> Interrupt + Send + 'static) {
-        self.interrupt = Some(Box::new(check));
-    }
-
-    /// Gives `tap` all bytes from now on, in both directions.
-    pub fn set_tap(&mut self, tap: impl Tap + 'static) {
-        self.line.tap = Some(Box::new(tap));
-    }
-
-    /// Runs the interrupt's check.
-    pub(crate) fn check_interrupt(&mut self) -> Result<(), Error> {
-        let Some(interrupt) = &mut self.interrupt else {
-            return Ok(());
-        };
-        interrupt().map_err(|reason| {
-            self.interrupted = Some(reason.to_string());
-            Error::Interrupted(reason)
-        })
-    }
-
-    /// The text of the last error that the interrupt's check returned since this was last called.
-    pub(crate) fn take_interrupted(&mut self) -> Option<String> {
-        self.interrupted.take()
-    }
-
-    /// Runs calls without the interrupt.
-    pub(crate) fn uninterrupted<T>(&mut self, run: impl FnOnce(&mut Self) -> T) -> T {
-        let interrupt = self.interrupt.take();
-        let result = run(self);
-        self.interrupt = interrupt;
-        result
-    }
-
     /// Makes one call. Returns the answer as converted by `take`, or `None` if the request has none.
     ///
     /// # Errors
@@ -137,15 +37,13 @@ impl<P: Arm> Link<P> {
         request: &P::Request<'_>,
         take: impl FnOnce(P::Response<'_>) -> T,
     ) -> Result<Option<T>, Error> {
-        self.client.cancel();
-        self.client
-            .submit(request)
-            .expect("the client is idle, and has room for any request");
+        self.client.submit(request);
         self.complete(request, take, None)
     }
 
     /// Makes one call, as one of many readings at a rate: it waits for no earlier answer, which may even be taken for its
-    /// own, and is not repeated. See [`Client::submit_reading`]. It runs without the interrupt.
+    /// own, and is not repeated. See [`Client::submit_reading`](armwire::Client::submit_reading). It runs without the
+    /// interrupt.
     ///
     /// `None` if no answer arrives until this time: the call is cancelled then.
     ///
@@ -158,13 +56,8 @@ impl<P: Arm> Link<P> {
         until: Instant,
         take: impl FnOnce(P::Response<'_>) -> T,
     ) -> Result<Option<T>, Error> {
-        self.uninterrupted(|link| {
-            link.client.cancel();
-            link.client
-                .submit_reading(request)
-                .expect("the client is idle, has room for any request, and this one is a read");
-            link.complete_until(request, take, until)
-        })
+        self.client.submit_reading(request);
+        self.complete_until(request, take, until)
     }
 
     /// Makes one call without the interrupt. `None` if no answer arrives until this time: the call is cancelled then.
@@ -178,23 +71,18 @@ impl<P: Arm> Link<P> {
         until: Instant,
         take: impl FnOnce(P::Response<'_>) -> T,
     ) -> Result<Option<T>, Error> {
-        self.uninterrupted(|link| {
-            link.client.cancel();
-            link.client
-                .submit(request)
-                .expect("the client is idle, and has room for any request");
-            link.complete_until(request, take, until)
-        })
+        self.client.submit(request);
+        self.complete_until(request, take, until)
     }
 
-    /// Completes the submitted call, or cancels it at this time.
+    /// Completes the submitted call without the interrupt, or cancels it at this time.
     fn complete_until<T>(
         &mut self,
         request: &P::Request<'_>,
         take: impl FnOnce(P::Response<'_>) -> T,
         until: Instant,
     ) -> Result<Option<T>, Error> {
-        match self.complete(request, take, Some(until)) {
+        match self.uninterrupted(|link| link.complete(request, take, Some(until))) {
             Err(Error::NoAnswer { .. }) => Ok(None),
             result => result,
         }
@@ -207,68 +95,60 @@ impl<P: Arm> Link<P> {
         take: impl FnOnce(P::Response<'_>) -> T,
         limit: Option<Instant>,
     ) -> Result<Option<T>, Error> {
-        let begun = self.clock.now();
-        let errors = self.errors;
+        let clock = self.client.clock();
+        let begun = clock.now();
+        let errors = self.client.errors();
         let mut received = Received::default();
+        let mut take = Some(take);
         let mut is_over = false;
         loop {
-            let now = self.clock.now();
-            let until = match self.client.poll(now) {
-                Output::Receive => {
-                    self.receive(Duration::ZERO, Some(&mut received))?;
-                    continue;
-                }
-                Output::Transmit(bytes) => {
-                    let n = self.line.write(bytes)?;
-                    self.client
-                        .transmitted(self.clock.now(), n)
-                        .expect("the line wrote no more than there was");
-                    continue;
-                }
-                Output::Timeout(until) => until.unwrap_or_default(),
-                Output::Event(event) => {
-                    match event {
-                        Event::Answer(response) => return Ok(Some(take(response))),
-                        Event::Sent => return Ok(None),
-                        Event::Unacceptable(error) => {
-                            let reason = format_args!("the arm's answer cannot be accepted: {error}");
-                            return Err(Error::unacceptable(self.line.name(), reason));
-                        }
-                        Event::ErrorFrame { frame } => {
-                            return Err(Error::ErrorFrame {
-                                name: self.line.name().into(),
-                                frame: ErrorFrame::new(frame),
-                            });
-                        }
-                        Event::TimedOut { sends } => {
-                            received.sends = sends;
-                            received.millis = now.since(begun).as_micros() / 1_000;
-                            received.checksums = self.errors.checksums - errors.checksums;
-                            return Err(self.no_answer(request, received));
-                        }
-                        Event::Broken { offset, reason } => return Err(self.broken(offset, reason)),
-                        Event::Late(_) => received.late += 1,
-                        Event::Unsolicited(_) => received.frames += 1,
-                        Event::Unknown { error, .. } => {
-                            received.unknown.get_or_insert_with(|| error.to_string());
-                        }
-                        Event::Echo => received.echoes += 1,
-                        Event::Noise { bytes, reason, .. } => self.errors.count(bytes, reason),
+            let advanced = self.client.advance(|event| {
+                match event {
+                    Event::Answer(response) => return Break(End::Done(take.take().map(|take| take(response)))),
+                    Event::Sent => return Break(End::Done(None)),
+                    Event::Unacceptable(error) => return Break(End::Unacceptable(error)),
+                    Event::ErrorFrame { frame } => return Break(End::ErrorFrame(ErrorFrame::new(frame))),
+                    Event::TimedOut { sends } => return Break(End::TimedOut { sends }),
+                    Event::Late(_) => received.late += 1,
+                    Event::Unsolicited(_) => received.frames += 1,
+                    Event::Unknown { error, .. } => {
+                        received.unknown.get_or_insert_with(|| error.to_string());
                     }
-                    continue;
+                    Event::Echo => received.echoes += 1,
+                    // `advance` counts noise, and fails if the stream is broken.
+                    Event::Noise { .. } | Event::Broken { .. } => {}
+                }
+                Continue(())
+            })?;
+            let until = match advanced {
+                Continue(until) => until.unwrap_or_default(),
+                Break(End::Done(answer)) => return Ok(answer),
+                Break(End::Unacceptable(error)) => {
+                    let reason = format_args!("the arm's answer cannot be accepted: {error}");
+                    return Err(Error::unacceptable(self.name(), reason));
+                }
+                Break(End::ErrorFrame(frame)) => {
+                    let name = self.name().into();
+                    return Err(Error::ErrorFrame { name, frame });
+                }
+                Break(End::TimedOut { sends }) => {
+                    received.sends = sends;
+                    received.millis = clock.now().since(begun).as_micros() / 1_000;
+                    received.checksums = self.client.errors().checksums - errors.checksums;
+                    return Err(self.no_answer(request, received));
                 }
             };
-            let mut wait = self.clock.until(until);
+            let mut wait = clock.until(until);
             if let Some(limit) = limit {
                 let left = limit.saturating_duration_since(Instant::now());
                 // One more read after the limit: the answer may have arrived while this thread did not run.
-                if left.is_zero() && std::mem::replace(&mut is_over, true) {
+                if left.is_zero() && mem::replace(&mut is_over, true) {
                     self.client.cancel();
                     return Ok(None);
                 }
                 wait = wait.min(left);
             }
-            self.receive(wait, Some(&mut received))?;
+            self.client.receive(wait)?;
         }
     }
 
@@ -335,65 +215,6 @@ impl<P: Arm> Link<P> {
         }
     }
 
-    /// Sends a reading, as one of many at a rate, and does not wait for its answer, which is among the later
-    /// [responses](Self::responses). No call takes it for its own answer. Those that arrived before go to `take`. See
-    /// [`Client::submit_reading`].
-    ///
-    /// # Errors
-    ///
-    /// Errors of the line, and [`Error::Unacceptable`] if the bytes of a connection are no messages.
-    pub(crate) fn start_reading(
-        &mut self,
-        request: &P::Request<'_>,
-        mut take: impl FnMut(P::Response<'_>),
-    ) -> Result<(), Error> {
-        self.client.cancel();
-        self.client
-            .submit_reading(request)
-            .expect("the client is idle, has room for any request, and this one is a read");
-        loop {
-            match self.client.poll(self.clock.now()) {
-                Output::Receive => {
-                    self.receive(Duration::ZERO, None)?;
-                }
-                Output::Transmit(bytes) => {
-                    let n = self.line.write(bytes)?;
-                    self.client
-                        .transmitted(self.clock.now(), n)
-                        .expect("the line wrote no more than there was");
-                }
-                Output::Event(event) => match event {
-                    Event::Answer(response) | Event::Late(response) | Event::Unsolicited(response) => take(response),
-                    Event::Noise { bytes, reason, .. } => self.errors.count(bytes, reason),
-                    Event::Broken { offset, reason } => return Err(self.broken(offset, reason)),
-                    _ => {}
-                },
-                Output::Timeout(_) => return Ok(()),
-            }
-        }
-    }
-
-    /// The arm's responses that no call waits for, converted by `take`, after a wait of at most this long for the first
-    /// byte. `None` if no byte came.
-    ///
-    /// # Errors
-    ///
-    /// Errors of the line, and [`Error::Unacceptable`] if the bytes of a connection are no messages.
-    pub fn responses<T>(
-        &mut self,
-        wait: Duration,
-        mut take: impl FnMut(P::Response<'_>) -> T,
-    ) -> Result<Option<Vec<T>>, Error> {
-        let n = self.receive(wait, None)?;
-        let mut responses = Vec::new();
-        self.take_events(|event| {
-            if let Event::Answer(response) | Event::Late(response) | Event::Unsolicited(response) = event {
-                responses.push(take(response));
-            }
-        })?;
-        Ok((n > 0).then_some(responses))
-    }
-
     /// Returns true if the answer to a call that timed out arrives within the stale window.
     ///
     /// # Errors
@@ -403,9 +224,10 @@ impl<P: Arm> Link<P> {
         let until = after(self.stale_window);
         loop {
             let left = until.saturating_duration_since(Instant::now());
-            self.receive(left, None)?;
+            self.client.receive(left)?;
             let mut is_late = false;
-            self.take_events(|event| is_late |= matches!(event, Event::Late(_)))?;
+            self.client
+                .take_events(|event| is_late |= matches!(event, Event::Late(_)))?;
             // The wait ends even if bytes do not.
             if is_late || left.is_zero() {
                 return Ok(is_late);
@@ -413,80 +235,12 @@ impl<P: Arm> Link<P> {
         }
     }
 
-    /// Passes the events of the received bytes to `take`, and counts noise.
-    ///
-    /// # Errors
-    ///
-    /// The stream is broken.
-    fn take_events(&mut self, mut take: impl FnMut(Event<'_, P::Response<'_>>)) -> Result<(), Error> {
-        let now = self.clock.now();
-        while let Output::Event(event) = self.client.poll(now) {
-            match event {
-                Event::Noise { bytes, reason, .. } => self.errors.count(bytes, reason),
-                Event::Broken { offset, reason } => return Err(self.broken(offset, reason)),
-                event => take(event),
-            }
-        }
-        Ok(())
-    }
-
-    /// The error of a stream that broke at this offset.
-    fn broken(&self, offset: u64, reason: Reason) -> Error {
-        if reason == Reason::Abandoned {
-            let reason = "the connection ended in the middle of a request: open it again";
-            return Error::lost(self.name(), reason);
-        }
-        let name = P::NAME;
-        let reason = format_args!(
-            "the received bytes are no message of {name} (byte {offset}: {reason}): is it this arm, and its control \
-             port?"
-        );
-        Error::unacceptable(self.name(), reason)
-    }
-
-    /// The frame that ended the last call: an answer, which may have more bytes than its response contains. Empty if
-    /// the call ended without one.
-    pub fn frame(&self) -> &[u8] {
-        self.client.frame()
-    }
-
-    /// Errors on the line so far.
-    pub fn line_errors(&self) -> LineErrors {
-        self.errors
-    }
-
-    /// The line's name, as typed by the user.
-    pub fn name(&self) -> &str {
-        self.line.name()
-    }
-
-    /// Passes received bytes to the client, waiting at most this long for the first one. Returns their number.
-    fn receive(&mut self, wait: Duration, received: Option<&mut Received>) -> Result<usize, Error> {
-        if self.unread.is_empty() {
-            let mut buf = [0; 256];
-            let n = match &self.interrupt {
-                None => self.line.read(&mut buf, wait)?,
-                Some(_) => self.line.read(&mut buf, wait.min(INTERRUPT_PERIOD))?,
-            };
-            if n == 0 && !wait.is_zero() {
-                self.check_interrupt()?;
-            }
-            self.unread.extend(&buf[..n]);
-            if let Some(received) = received {
-                received.count += n;
-                let room = MAX_KEPT - received.bytes.len();
-                received.bytes.extend(buf[..n].iter().take(room));
-            }
-        }
-        let left = self.client.receive(self.clock.now(), &self.unread).len();
-        let n = self.unread.len() - left;
-        self.unread.drain(..n);
-        Ok(n)
-    }
-
-    fn no_answer(&mut self, request: &P::Request<'_>, mut received: Received) -> Error {
-        received.begun = is_begun::<P>(request, &received.bytes);
-        let reception = match received.count {
+    fn no_answer(&self, request: &P::Request<'_>, mut received: Received) -> Error {
+        let (count, bytes) = self.client.received();
+        received.count = count;
+        received.bytes = bytes.to_vec();
+        received.begun = is_begun::<P>(request, bytes);
+        let reception = match count {
             0 => Reception::Silence,
             _ => Reception::Garbage,
         };
@@ -494,24 +248,14 @@ impl<P: Arm> Link<P> {
             arm: P::NAME,
             other: P::OTHER,
         };
-        let (cause, hint) = received.cause(P::NAME, self.line.hint(reception, names));
+        let (cause, hint) = received.cause(P::NAME, self.client.hint(reception, names));
         Error::NoAnswer {
-            name: self.line.name().into(),
+            name: self.name().into(),
             cause: cause.into(),
             hint,
             missing: received.missing(),
-            bytes: received.count,
+            bytes: count,
         }
-    }
-}
-
-impl<P: Arm> fmt::Debug for Link<P> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Link")
-            .field("name", &self.name())
-            .field("protocol", &P::PROTOCOL)
-            .field("errors", &self.errors)
-            .finish_non_exhaustive()
     }
 }
 
@@ -530,72 +274,22 @@ mod tests {
     use std::cell::Cell;
     use std::collections::VecDeque;
     use std::sync::{Arc, Mutex};
+    use std::time::Duration;
 
     use armwire::alpha1::{self, Alpha1, Outcome};
     use armwire::framing::Framing;
     use armwire::ling::{
-        Frame, GripperSpeed, JointState, Ling, MAX_FRAME, MotionStatus, Move, Opening, Position, Request, Response,
-        Speed, Stroke, TemperatureLimit, Torque,
+        Frame, GripperSpeed, JointState, Ling, MAX_FRAME, Move, Opening, Position, Request, Response, Speed, Stroke,
+        TemperatureLimit, Torque,
     };
     use armwire::messages::Messages;
-    use armwire::xarm::XArm;
+    use armwire::xarm::{self, XArm};
     use armwire::{Device, DeviceEvent};
 
     use super::*;
     use crate::error::text::Text;
-
-    /// An arm's answer with all joints at this position.
-    fn joints(ticks: u16) -> Vec<u8> {
-        let response = Response::Joints(JointState {
-            joints: [ticks; 6],
-            gripper: 0,
-            status: MotionStatus::Idle,
-        });
-        let mut out = [0; MAX_FRAME];
-        let n = Ling.encode_response(&response, None, &mut out).unwrap();
-        out[..n].to_vec()
-    }
-
-    /// An arm that gives each request an answer, by how many there were.
-    struct Answering {
-        answer: fn(u16) -> Vec<u8>,
-        answers: VecDeque<Vec<u8>>,
-        requests: u16,
-    }
-
-    impl Answering {
-        fn new(answer: fn(u16) -> Vec<u8>) -> Arc<Mutex<Self>> {
-            Arc::new(Mutex::new(Self {
-                answer,
-                answers: VecDeque::new(),
-                requests: 0,
-            }))
-        }
-    }
-
-    impl Line for Arc<Mutex<Answering>> {
-        fn name(&self) -> &str {
-            "fake"
-        }
-
-        fn read(&mut self, buf: &mut [u8], _: Duration) -> Result<usize, Error> {
-            let answer = self.lock().unwrap().answers.pop_front().unwrap_or_default();
-            buf[..answer.len()].copy_from_slice(&answer);
-            Ok(answer.len())
-        }
-
-        fn write(&mut self, bytes: &[u8]) -> Result<usize, Error> {
-            let arm = &mut *self.lock().unwrap();
-            arm.requests += 1;
-            let answer = (arm.answer)(arm.requests);
-            arm.answers.push_back(answer);
-            Ok(bytes.len())
-        }
-
-        fn hint(&self, _: Reception, _: Names) -> Text {
-            unreachable!("it answers")
-        }
-    }
+    use crate::ports::line::Line;
+    use crate::ports::link::fake::{Answering, joints};
 
     #[test]
     fn lost_answer_does_not_delay_the_next_reading() {
@@ -647,102 +341,6 @@ mod tests {
              (data byte 0)"
         );
         assert_eq!(arm.lock().unwrap().requests, 1);
-    }
-
-    /// A line that accepts so many bytes, and then no write once.
-    struct Breaking {
-        left: usize,
-        is_broken: bool,
-        sent: Arc<Mutex<Vec<u8>>>,
-    }
-
-    impl Line for Breaking {
-        fn name(&self) -> &str {
-            "fake"
-        }
-
-        fn read(&mut self, _: &mut [u8], _: Duration) -> Result<usize, Error> {
-            Ok(0)
-        }
-
-        fn write(&mut self, bytes: &[u8]) -> Result<usize, Error> {
-            if self.left == 0 && !self.is_broken {
-                self.is_broken = true;
-                return Err(Error::at("fake", "no"));
-            }
-            let n = if self.is_broken {
-                bytes.len()
-            } else {
-                bytes.len().min(self.left)
-            };
-            self.left -= n.min(self.left);
-            self.sent.lock().unwrap().extend(&bytes[..n]);
-            Ok(n)
-        }
-
-        fn hint(&self, _: Reception, _: Names) -> Text {
-            Text::default()
-        }
-    }
-
-    /// A link whose line breaks after so many bytes, and what is sent on it.
-    fn breaking(left: usize) -> (Link<Ling>, Arc<Mutex<Vec<u8>>>) {
-        let sent = Arc::default();
-        let line = Breaking {
-            left,
-            is_broken: false,
-            sent: Arc::clone(&sent),
-        };
-        (Link::new(Box::new(line), Ling::CONFIG), sent)
-    }
-
-    #[test]
-    fn reading_does_not_complete_a_move() {
-        let (mut link, sent) = breaking(10);
-        let target = Move {
-            joints: [(Position::CENTRE, Speed::MAX); 6],
-            gripper: (Opening::OPEN, GripperSpeed(1_000)),
-        };
-        assert!(link.send(&Request::Move(target)).is_err());
-        link.start_reading(&Request::ReadJoints, drop).unwrap();
-        let sent = sent.lock().unwrap();
-        let (void, read) = sent[10..].split_at(Ling::LONGEST);
-        assert!(void.iter().all(|byte| *byte == 0), "{void:02X?}");
-        assert_eq!(read, [0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF]);
-    }
-
-    #[test]
-    fn half_sent_reading_is_void() {
-        let (mut link, sent) = breaking(3);
-        let error = link.start_reading(&Request::ReadJoints, drop).unwrap_err();
-        assert!(matches!(error, Error::At { .. }), "{error:?}");
-        link.send(&Request::SetTorque(Torque::Off)).unwrap();
-        let sent = sent.lock().unwrap();
-        assert!(sent[3..3 + Ling::LONGEST].iter().all(|byte| *byte == 0), "{sent:02X?}");
-        assert_eq!(sent.len(), 3 + Ling::LONGEST + 7);
-    }
-
-    #[test]
-    fn call_takes_no_answer_of_a_reading() {
-        let arm = Answering::new(joints);
-        let mut link = Link::<Ling>::new(Box::new(Arc::clone(&arm)), Ling::CONFIG);
-        link.start_reading(&Request::ReadJoints, drop).unwrap();
-        let state: JointState = link.read(&Request::ReadJoints).unwrap();
-        assert_eq!(state.joints, [2; 6]);
-    }
-
-    #[test]
-    fn each_reading_has_its_response() {
-        let arm = Answering::new(|number| if number == 2 { Vec::new() } else { joints(number) });
-        let mut link = Link::<Ling>::new(Box::new(Arc::clone(&arm)), Ling::CONFIG);
-        let mut readings = Vec::new();
-        for _ in 0..4 {
-            let mut take = |response| readings.extend(JointState::try_from(response));
-            link.start_reading(&Request::ReadJoints, &mut take).unwrap();
-            link.responses(Duration::ZERO, take).unwrap();
-        }
-        let ticks: Vec<_> = readings.iter().map(|state| state.joints[0]).collect();
-        assert_eq!(ticks, [1, 3, 4]);
     }
 
     /// An arm's error frame.

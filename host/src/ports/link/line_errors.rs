@@ -1,0 +1,33 @@
+//! Errors on a line.
+
+use std::ops::Add;
+
+use armwire::framing::Reason;
+
+/// Errors on a line since it was opened.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct LineErrors {
+    /// Bytes outside frames.
+    pub noise_bytes: usize,
+    /// Frames with a wrong checksum.
+    pub checksums: usize,
+}
+
+impl Add for LineErrors {
+    type Output = Self;
+
+    fn add(self, other: Self) -> Self {
+        Self {
+            noise_bytes: self.noise_bytes + other.noise_bytes,
+            checksums: self.checksums + other.checksums,
+        }
+    }
+}
+
+impl LineErrors {
+    pub(super) fn count(&mut self, noise: &[u8], reason: Reason) {
+        self.noise_bytes += noise.len();
+        self.checksums += usize::from(matches!(reason, Reason::Checksum { .. }));
+    }
+}
