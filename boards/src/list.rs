@@ -142,3 +142,26 @@ const PICO: Board = Board {
     uart: Uart::Uart1,
     can: None,
 };
+
+impl Board {
+    /// The board of this name.
+    pub const fn find(name: &str) -> Option<&'static Self> {
+        let mut i = 0;
+        while i < BOARDS.len() {
+            if is_equal(BOARDS[i].name.as_bytes(), name.as_bytes()) {
+                return Some(&BOARDS[i]);
+            }
+            i += 1;
+        }
+        None
+    }
+}
+
+/// `==`, which is not const.
+const fn is_equal(a: &[u8], b: &[u8]) -> bool {
+    let mut i = 0;
+    while i < a.len() && i < b.len() && a[i] == b[i] {
+        i += 1;
+    }
+    i == a.len() && i == b.len()
+}

@@ -7,6 +7,7 @@ mod alpha1;
 #[cfg(feature = "command")]
 mod command;
 mod error;
+mod joints;
 mod ling;
 mod reader;
 mod session;

@@ -14,11 +14,10 @@ use pyo3::prelude::*;
 use pyo3::types::PyByteArray;
 
 use crate::error::{unacceptable, value_error};
+use crate::joints::{Joints, joints};
 use crate::reader::LingReader;
 use crate::session::{Session, check_signals};
 
-/// Joint ticks, gripper in thousandths, motion status.
-pub(crate) type Joints = ([u16; JOINTS], u16, u8);
 /// Bytes of an answer after its documented fields.
 type Extra = Vec<u8>;
 
@@ -195,10 +194,6 @@ fn extra(arm: &Ling) -> Extra {
 /// The gripper's goal in thousandths.
 fn opening(gripper: Option<u16>) -> PyResult<Option<Opening>> {
     gripper.map(Opening::new).transpose().map_err(value_error)
-}
-
-pub(crate) fn joints(state: JointState) -> Joints {
-    (state.joints, state.gripper, state.status.into())
 }
 
 /// Joint angles, 0 at the zero position: six 64-bit numbers in native byte order, for a NumPy array without a copy.

@@ -7,7 +7,7 @@ use armwire_host::{Counts, Error, Readable, Reader, Reading, Stamping, XArm, XAr
 use pyo3::prelude::*;
 
 use crate::error::{closed, exception, value_error};
-use crate::ling::{Joints, joints};
+use crate::joints::{Joints, joints};
 use crate::session::check_signals;
 
 /// Maximum duration of one wait between checks for signals.

@@ -8,8 +8,8 @@ use armwire::ling::JOINTS;
 use serde::Deserialize;
 
 use crate::joint_states::{DEFAULT_NAMES, joints};
-use crate::tolerances::{DEFAULT_GOAL_TIME, MAX_GOAL_TIME};
-use crate::trajectory::Joint;
+use crate::tolerances::DEFAULT_GOAL_TIME;
+use crate::trajectory::{Joint, MAX_GOAL_TIME};
 
 /// The joints of one arm.
 #[derive(Clone, Debug, PartialEq)]

@@ -3,12 +3,10 @@
 use std::time::Duration;
 
 use crate::messages::{FollowGoal, JointTolerance, Time};
-use crate::trajectory::{Joint, Refusal};
+use crate::trajectory::{Joint, MAX_GOAL_TIME, Refusal};
 
 /// Time after the last point, by default, within which the joints must be at it.
 pub(crate) const DEFAULT_GOAL_TIME: Duration = Duration::from_secs(1);
-/// Maximum time after the last point.
-pub(crate) const MAX_GOAL_TIME: Duration = Duration::from_secs(60);
 
 /// The tolerances of each joint, in rad, or in m for a gripper. `None` allows any distance.
 #[derive(Clone, Debug, PartialEq)]

@@ -3,8 +3,9 @@
 use std::time::Duration;
 
 use crate::messages::{JointTrajectory, JointTrajectoryPoint, Time};
-use crate::tolerances::MAX_GOAL_TIME;
 
+/// Maximum time after the last point.
+pub(crate) const MAX_GOAL_TIME: Duration = Duration::from_secs(60);
 /// The age up to which `header.stamp` counts as now, for the latency of the network and the difference of clocks.
 const MAX_AGE: Duration = Duration::from_millis(200);
 /// Maximum time until a start, and maximum duration of a trajectory.

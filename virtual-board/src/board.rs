@@ -423,11 +423,6 @@ impl<A: Arm> VirtualBoard<A> {
         Can { bus: &self.can }
     }
 
-    /// The USB host.
-    pub fn usb(&mut self) -> Usb<'_, A> {
-        Usb { board: self }
-    }
-
     /// The address of the symbol whose mangled name contains `part`. `None` unless there is exactly one.
     pub fn symbol(&self, part: &str) -> Option<u64> {
         let mut found = self.symbols.iter().filter(|(name, _)| name.contains(part));

@@ -4,8 +4,10 @@ use std::fmt;
 use std::path::Path;
 
 use crate::error::Error;
-use crate::flash;
 use crate::image::Image;
+
+/// The address of the flash of an STM32 (RM0090, 3.4).
+const STM32_FLASH: u64 = 0x0800_0000;
 
 /// A chip with a firmware image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -34,7 +36,7 @@ impl Chip {
     /// The address of the flash (RM0090, 3.4; RM0440, 3.3.1; RP2040 datasheet, 2.2).
     pub(crate) const fn flash_base(self) -> u64 {
         match self {
-            Self::Stm32f405 | Self::Stm32g431 => flash::BASE,
+            Self::Stm32f405 | Self::Stm32g431 => STM32_FLASH,
             Self::Rp2040 => 0x1000_0000,
         }
     }

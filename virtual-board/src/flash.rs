@@ -7,9 +7,6 @@ use crate::soc::chance::draw;
 use crate::time::Nanos;
 use crate::timing::Clock;
 
-/// The address of the flash of an STM32 (RM0090, 3.4).
-pub(crate) const BASE: u64 = 0x0800_0000;
-
 /// The flash size of the STM32F405RG, in bytes.
 pub(crate) const SIZE: usize = 1 << 20;
 

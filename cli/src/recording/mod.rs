@@ -14,6 +14,7 @@ mod frame;
 mod joint_states;
 #[cfg(feature = "recordings")]
 pub(crate) mod messages;
+mod sink;
 #[cfg(all(test, feature = "recordings"))]
 pub(crate) mod tests;
 #[cfg(feature = "recordings")]
@@ -23,20 +24,9 @@ use std::path::Path;
 
 pub(crate) use capture::Capture;
 pub(crate) use frame::{Frame, Role};
+pub(crate) use sink::Sink;
 
 use crate::error::Error;
-
-/// A file that takes frames. Errors are in words.
-pub(crate) trait Sink {
-    /// Writes a frame of an arm, and the joint positions in it.
-    fn frame(&mut self, role: Role, frame: &Frame) -> Result<(), String>;
-
-    /// Hands all to the system.
-    fn flush(&mut self) -> Result<(), String>;
-
-    /// Writes the index.
-    fn finish(self: Box<Self>) -> Result<(), String>;
-}
 
 /// Creates a file of these arms at this path, where there is none.
 #[cfg(feature = "recordings")]

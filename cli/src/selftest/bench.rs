@@ -6,8 +6,8 @@ use std::time::Duration;
 use armwire::ling::READ_JOINTS;
 use armwire_bridge::config::{ArmKind, Can, Config, HostTimeout, Poll};
 use armwire_bridge::control::{
-    Event, Failure, FromAdapter, FromHost, MAX_COBS, MAX_MESSAGE, Reader, Reply, Request as ControlRequest, Stamp,
-    Subscription, encode_cobs,
+    Event, Failure, FromAdapter, FromHost, Identity, MAX_COBS, MAX_MESSAGE, Reader, Reply, Request as ControlRequest,
+    Stamp, Subscription, encode_cobs,
 };
 use armwire_bridge::{Counters, LineCoding};
 
@@ -430,6 +430,14 @@ pub(super) fn at(place: impl std::fmt::Display) -> impl FnOnce(Trouble) -> Troub
     move |trouble| match trouble {
         Trouble::Failed(text) => Trouble::failed(format_args!("{place}: {text}")),
         other => other,
+    }
+}
+
+/// Reads the adapter's identity.
+pub(super) fn identify(bench: &mut Bench<'_>) -> Result<Identity, Trouble> {
+    match bench.call(ControlRequest::Identify)? {
+        Reply::Identity(identity) => Ok(identity),
+        reply => Err(unexpected(&ControlRequest::Identify, &reply)),
     }
 }
 

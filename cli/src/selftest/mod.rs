@@ -30,58 +30,24 @@ mod gaps;
 mod jumper;
 #[cfg(target_os = "linux")]
 mod linux;
+mod plan;
 mod report;
 mod resets;
 mod saves;
 mod stamps;
 mod usb;
 
-use std::time::Duration;
-
-use armwire_bridge::control::{Identity, Reply, Request};
+use armwire_bridge::control::Request;
 use serde_json::json;
 
-use self::bench::{Bench, unexpected};
+use self::bench::{Bench, identify};
+pub use self::plan::Plan;
+use self::plan::planned;
+use self::report::Checked;
 pub use self::report::{Check, Passed, Trouble};
 pub use self::usb::{Direction, Payload, Pipe, Request as UsbRequest, Usb, UsbError};
 use crate::adapter::describe;
 
-/// The extent of a self-test. A check without any extent is not tried.
-#[derive(Clone, Debug)]
-pub struct Plan {
-    /// Bytes of each echo.
-    pub echo_bytes: u32,
-    /// Frames with checked stamps.
-    pub stamps: u32,
-    /// Cancelled requests.
-    pub cancels: u32,
-    /// Resets of the bus.
-    pub resets: u32,
-    /// Saves to flash.
-    pub saves: u32,
-    /// Duration of the comparison between the adapter's clock and the host's.
-    pub crystal: Duration,
-    /// Names of the checks to make; empty for all. The checks that identify the adapter and detect the jumper always
-    /// run.
-    pub only: Vec<String>,
-}
-
-/// The full self-test, about two minutes.
-impl Default for Plan {
-    fn default() -> Self {
-        Self {
-            echo_bytes: 4_000,
-            stamps: 10_000,
-            cancels: 300,
-            resets: 10,
-            saves: 6,
-            crystal: Duration::from_secs(60),
-            only: Vec::new(),
-        }
-    }
-}
-
-type Checked = Result<Passed, Trouble>;
 type CheckFn = fn(&mut Bench<'_>, &Plan) -> Checked;
 
 /// The checks that need the jumper, in their order.
@@ -150,14 +116,6 @@ pub fn run(usb: &mut dyn Usb, plan: &Plan, stopped: &dyn Fn() -> bool, report: &
     checks
 }
 
-/// Ends a check that has no extent in the plan.
-fn planned(count: u32) -> Result<(), Trouble> {
-    match count {
-        0 => Err(Trouble::NotTried("the plan has none of it".to_owned())),
-        _ => Ok(()),
-    }
-}
-
 /// Reads the adapter's identity.
 fn control_port(bench: &mut Bench<'_>) -> Checked {
     let identity = identify(bench)?;
@@ -168,11 +126,4 @@ fn control_port(bench: &mut Bench<'_>) -> Checked {
         ("commit", json!(identity.commit)),
     ];
     Ok(Passed::new(describe(&identity).to_string(), figures))
-}
-
-fn identify(bench: &mut Bench<'_>) -> Result<Identity, Trouble> {
-    match bench.call(Request::Identify)? {
-        Reply::Identity(identity) => Ok(identity),
-        reply => Err(unexpected(&Request::Identify, &reply)),
-    }
 }

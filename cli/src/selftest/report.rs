@@ -135,3 +135,6 @@ mod tests {
         );
     }
 }
+
+/// The result of a check.
+pub(super) type Checked = Result<Passed, Trouble>;

@@ -2,20 +2,12 @@
 
 pub(crate) mod command;
 pub(crate) mod stoppable;
+mod text;
 
-use armwire::ling::stop::Stopped;
 use armwire_host::{Error as Host, Ling};
 
 use crate::error::Error;
-
-/// The end of a stop, in words.
-pub(crate) fn show(stopped: &Stopped) -> String {
-    let (what, state) = match *stopped {
-        Stopped::AtRest { state, .. } => ("stopped", state),
-        Stopped::WithoutTorque(state) => ("the torque is off, so nothing was sent", state),
-    };
-    format!("{what}: {state}")
-}
+pub(crate) use text::show;
 
 /// Stops an arm after this error, if this program moved it. The error says how it was stopped, or why it may still move.
 pub(crate) fn after(arm: &mut Ling, error: Error) -> Error {

@@ -8,7 +8,7 @@ use armwire::ling::{JointState, Kind};
 use armwire_host::follow::{Follow, Progress};
 use armwire_host::{Error as Host, Port, Stream};
 
-use super::{open, prepare};
+use super::arm::{open, prepare};
 use crate::error::Error;
 use crate::monitor::Recorder;
 use crate::recording::Role;

@@ -1,9 +1,9 @@
 //! `armwire teleop`: a leader moves a follower.
 
+mod arm;
 mod leader;
 mod sums;
 
-use std::num::NonZeroU32;
 use std::path::PathBuf;
 use std::thread;
 use std::time::Duration;
@@ -12,7 +12,7 @@ use armwire::ling::{JointState, Kind, Speed, TICKS_PER_TURN};
 use armwire::time;
 use armwire_host::follow::{End, Follow, Output, Pause, Progress, Start};
 use armwire_host::stopwatch::Stopwatch;
-use armwire_host::{Error as Host, Limits, Ling, Options, Port, Stream};
+use armwire_host::{Error as Host, Limits, Ling, Port, Stream};
 use clap::Args;
 
 use crate::args::Baud;
@@ -24,6 +24,7 @@ use crate::recording::Role;
 use crate::signals;
 use crate::status::{Status, StatusArg};
 use crate::stop;
+use arm::{open, prepare};
 use leader::Leader;
 use sums::Sums;
 
@@ -121,32 +122,6 @@ impl Teleop {
             Err(error) => Err(error.explained(|error| arm.explain(error))),
         }
     }
-}
-
-/// Opens an arm, which must be of this kind.
-fn open(port: &Port, baud: Option<NonZeroU32>, kind: Kind) -> Result<Ling, Error> {
-    let mut arm = port.open(Options::default().with_baud(baud))?.ling()?;
-    match arm.read_info() {
-        Ok(info) if info.serial.kind() == Some(kind) => Ok(arm),
-        Ok(info) => {
-            let serial = info.serial;
-            let reason = match info.serial.kind() {
-                Some(other) => format!("this is a {other} ({serial}), where a {kind} is expected: LEADER FOLLOWER"),
-                None => format!("the kind of this arm is unknown ({serial}), where a {kind} is expected"),
-            };
-            Err(Error::refused(arm.name(), reason))
-        }
-        Err(error) => Err(Error::from(error).explained(|error| arm.explain(error))),
-    }
-}
-
-/// Reads what a recording needs.
-fn prepare(arm: &mut Ling, recorder: &Recorder) -> Result<(), Error> {
-    if recorder.is_on() {
-        // The answer is for the recording: without the stroke, an opening is no length.
-        arm.read_stroke()?;
-    }
-    Ok(())
 }
 
 /// Teleoperation until its end.

@@ -15,9 +15,9 @@ mod drive;
 mod image;
 mod interruption;
 mod rom_drive;
+mod text;
 mod volumes;
 
-use std::fmt::Display;
 use std::fs::File;
 use std::io::Read;
 use std::path::PathBuf;
@@ -36,6 +36,7 @@ use dfu_util::DfuUtil;
 use drive::Drive;
 use image::{Format, Image};
 use interruption::Interruption;
+use text::{as_word, progress};
 use volumes::Volumes;
 
 /// Number of bytes at the start of a file that are read first. They show its format and length.
@@ -153,20 +154,5 @@ impl Update {
             thread::sleep(RETRY_PERIOD);
         }
         look()
-    }
-}
-
-/// Prints a line. The update goes on if the reader of the output is gone.
-fn progress(line: impl Display) {
-    let _ = print_line(line);
-}
-
-/// An argument as one would type it in a shell.
-fn as_word(argument: &str) -> String {
-    let is_plain = |c: char| c.is_alphanumeric() || "-_./:=@%+,".contains(c) || cfg!(windows) && c == '\\';
-    match (!argument.is_empty() && argument.chars().all(is_plain), cfg!(windows)) {
-        (true, _) => argument.to_owned(),
-        (false, true) => format!("\"{argument}\""),
-        (false, false) => format!("'{}'", argument.replace('\'', r"'\''")),
     }
 }

@@ -8,7 +8,8 @@ use armwire::alpha1::{
     Request, Response, ServoId, ServoResponse, ServoStates, Text, checksum, hid,
 };
 
-use crate::{bytes, protocol};
+use crate::bytes::bytes;
+use crate::protocol;
 
 pub(crate) fn call_all() {
     let mut text = [0; 300];

@@ -9,7 +9,7 @@ use armwire_bridge::start::{Cause, StartLog};
 use armwire_bridge::store::Saved;
 use armwire_bridge::{Bridge, CanEvent, Counters, Instant, LineCoding, PACKET, RxRing, Start, UartEvent, UsbEvent};
 
-use crate::bytes;
+use crate::bytes::bytes;
 
 pub(crate) fn call_all() {
     let now = black_box(Instant::ZERO);

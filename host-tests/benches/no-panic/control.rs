@@ -7,7 +7,7 @@ use armwire_bridge::control::{
     FromAdapter, FromHost, Histogram, MAX_MESSAGE, Message, Reader, Reply, Request, decode, encode, encode_cobs,
 };
 
-use crate::bytes;
+use crate::bytes::bytes;
 
 pub(crate) fn call_all() {
     codec(FromHost {

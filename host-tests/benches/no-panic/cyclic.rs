@@ -8,7 +8,7 @@ use armwire_bridge::can::{Frame, Id, Node};
 use armwire_bridge::control::{Event, Stamp};
 use armwire_bridge::{Counters, Duration, Instant};
 
-use crate::bytes;
+use crate::bytes::bytes;
 
 pub(crate) fn call_all() {
     let now = black_box(Instant::ZERO);

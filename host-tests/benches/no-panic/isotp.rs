@@ -6,7 +6,7 @@ use armwire_bridge::Instant;
 use armwire_bridge::can::{Frame, Function, Id, Node};
 use armwire_bridge::isotp::{Config, Endpoint, Link, SeparationTime};
 
-use crate::bytes;
+use crate::bytes::bytes;
 
 pub(crate) fn call_all() {
     let id = black_box(Id::new(black_box(0))).unwrap_or(Id::MAX);

@@ -4,7 +4,8 @@ use core::hint::black_box;
 
 use armwire::ling::legacy::{Detector, Firmware, Frame, JointState, Legacy, MAX_FRAME, Response, SERVOS, parity};
 
-use crate::{bytes, protocol};
+use crate::bytes::bytes;
+use crate::protocol;
 
 pub(crate) fn call_all() {
     let firmware = black_box(Firmware::V6_0);

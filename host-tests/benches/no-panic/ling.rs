@@ -8,7 +8,8 @@ use armwire::ling::{
 };
 use armwire::raw::Raw;
 
-use crate::{bytes, protocol};
+use crate::bytes::bytes;
+use crate::protocol;
 
 pub(crate) fn call_all() {
     protocol::call_all::<Ling, MAX_FRAME>(Ling, Some(Request::SelfCheck), Response::Stroke(Stroke::Mm50), ());

@@ -17,6 +17,7 @@ extern crate alloc;
 mod alpha1;
 #[cfg(feature = "bridge")]
 mod bridge;
+mod bytes;
 #[cfg(feature = "bridge")]
 mod control;
 #[cfg(feature = "bridge")]
@@ -77,10 +78,4 @@ extern "C" fn _start() {
     }
     #[cfg(feature = "prove-alloc")]
     black_box(alloc::boxed::Box::new(black_box(0)));
-}
-
-/// Any bytes, at most `room.len()`.
-fn bytes(room: &mut [u8]) -> &mut [u8] {
-    let n = black_box(room.len()).min(room.len());
-    black_box(&mut room[..n])
 }

@@ -9,7 +9,7 @@ use armwire::messages::Messages;
 use armwire::time::{Duration, Instant};
 use armwire::{Client, Config, Device, DeviceEvent, Output};
 
-use crate::bytes;
+use crate::bytes::bytes;
 
 /// Calls all layers. `request` is `None` for a protocol without requests.
 pub(crate) fn call_all<M: Messages + Copy, const N: usize>(

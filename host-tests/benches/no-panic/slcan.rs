@@ -6,7 +6,7 @@ use armwire_bridge::can::Id as AdapterId;
 use armwire_bridge::can::bus::{FdFlags, Frame, Id};
 use armwire_bridge::slcan::{BitRate, Commands, DataBitRate, Replies};
 
-use crate::bytes;
+use crate::bytes::bytes;
 
 /// Takes bytes without keeping them.
 struct Sink;

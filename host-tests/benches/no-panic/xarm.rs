@@ -8,7 +8,8 @@ use armwire::xarm::{
     TorqueSource, VersionText, XArm,
 };
 
-use crate::{bytes, protocol};
+use crate::bytes::bytes;
+use crate::protocol;
 
 pub(crate) fn call_all() {
     let arm = black_box(XArm::PRIVATE);

@@ -1,12 +1,14 @@
 //! The newest pose of an arm, read by a thread of its own.
 //!
-//! [`pose`] has what is read, [`patience`] how long an answer is waited for, and [`history`] keeps it. [`polled`] has the
-//! readings of an adapter.
+//! [`pose`] has what is read, [`rate`] how often, [`patience`] how long an answer is waited for, and [`history`] keeps each
+//! [`reading`]. [`polled`] has the readings of an adapter.
 
 mod history;
 mod patience;
 mod polled;
 mod pose;
+mod rate;
+mod reading;
 
 use std::fmt;
 use std::sync::Arc;
@@ -14,16 +16,12 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
-use armwire::OutOfRange;
-use armwire::ling::legacy::OlderGeneration;
 use armwire::time;
-use armwire_bridge::config::MAX_POLL_HZ;
 
 use crate::arm::ling::Ling;
 use crate::arm::shared::Shared;
 use crate::arm::xarm::XArm;
 use crate::error::Error;
-use crate::error::outside::Outside;
 use crate::ports::control::Adapter;
 use crate::time::pace::Pace;
 use crate::time::silence::SilenceLimit;
@@ -34,99 +32,9 @@ use patience::Patience;
 use polled::Polled;
 
 pub use pose::Readable;
-
-/// Readings per second, 1 to 1000.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Rate(u16);
-
-impl Rate {
-    /// The maximum, in hertz.
-    pub const MAX: u16 = MAX_POLL_HZ;
-
-    /// A rate in hertz.
-    ///
-    /// # Errors
-    ///
-    /// [`OutOfRange`] for 0 and over 1000.
-    pub const fn new(hertz: u16) -> Result<Self, OutOfRange> {
-        match hertz {
-            1..=Self::MAX => Ok(Self(hertz)),
-            got => Err(OutOfRange::new("rate", "Hz", got, 1, Self::MAX)),
-        }
-    }
-
-    /// In hertz.
-    pub const fn hertz(self) -> u16 {
-        self.0
-    }
-
-    /// The time between two readings.
-    pub fn period(self) -> Duration {
-        Duration::from_secs(1) / self.0.into()
-    }
-
-    /// The time between two readings, in whole microseconds.
-    const fn micros(self) -> u64 {
-        1_000_000 / self.0 as u64
-    }
-}
-
-/// A pose at its time.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Reading<P> {
-    /// The pose.
-    pub pose: P,
-    /// The number of the reading, from 1. Of a pose between two readings, that of the earlier.
-    pub number: u64,
-    /// The time of the pose.
-    pub time: HostTime,
-    /// Event at the time of the reading.
-    pub stamping: Stamping,
-    /// The time since then, when this was returned.
-    pub age: Duration,
-}
-
-/// Event at the time of a reading.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum Stamping {
-    /// The arrival of the answer's last byte at the adapter, by its clock.
-    Adapter,
-    /// The receipt of the answer by this program: later by the delays of the line and of the system.
-    Receipt,
-}
-
-/// Counts since the reader's start.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[non_exhaustive]
-pub struct Counts {
-    /// Readings.
-    pub samples: u64,
-    /// Readings without an acceptable answer in time, or lost on the way from the adapter.
-    pub lost: u64,
-    /// Readings that were not begun: a call used the arm, an answer took longer than a period, or the system was busy.
-    pub missed: u64,
-}
-
-/// The reason why a reader has ended.
-#[derive(Clone, Debug, PartialEq, Eq)]
-enum End {
-    Lost(Outside),
-    Legacy(OlderGeneration),
-    Closed,
-}
-
-impl End {
-    /// The end by an error; `None` if a later reading may succeed.
-    fn by(error: Error) -> Option<Self> {
-        match error {
-            Error::Lost { reason, .. } => Some(Self::Lost(reason)),
-            Error::Legacy { legacy, .. } => Some(Self::Legacy(legacy)),
-            Error::Closed { .. } => Some(Self::Closed),
-            _ => None,
-        }
-    }
-}
+pub use rate::Rate;
+use reading::End;
+pub use reading::{Counts, Reading, Stamping};
 
 /// A thread that reads the pose of an arm at a rate. Callers get the newest pose without waiting. Its drop ends it.
 ///

@@ -26,7 +26,7 @@
 use core::ops::RangeInclusive;
 use core::slice;
 
-use super::{Alpha1, Outcome, ServoId};
+use super::{Alpha1, MAX_TEXT, Outcome, ServoId};
 use crate::BufferTooShort;
 use crate::framing::{Framing, Reason, Scan, verify, write};
 
@@ -34,9 +34,6 @@ use crate::framing::{Framing, Reason, Scan, verify, write};
 ///
 /// A decoder for the servo bus, or for a robot with short names and versions, needs only the 33 bytes of an action.
 pub const MAX_FRAME: usize = MAX_TEXT + 5;
-
-/// The maximum length of a version or a name, in bytes: the count byte includes itself.
-pub const MAX_TEXT: usize = u8::MAX as usize - 1;
 
 /// The terminator: the last byte of every frame. A servo's acknowledgement is a single byte without it.
 pub const TAIL: u8 = 0xED;

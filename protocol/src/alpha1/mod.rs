@@ -30,6 +30,7 @@ mod driver;
 mod frame;
 pub mod hid;
 mod message;
+mod protocol;
 #[cfg(test)]
 mod tests;
 mod text;
@@ -40,12 +41,13 @@ pub use correlation::Key;
 #[cfg(feature = "async")]
 pub use driver::Arm;
 pub use frame::{
-    Expect, Frame, MAX_FRAME, MAX_TEXT, READ_FIRMWARE_VERSION, READ_SERVO_STATES, STOP, ServoAnswer, TAIL, checksum,
+    Expect, Frame, MAX_FRAME, READ_FIRMWARE_VERSION, READ_SERVO_STATES, STOP, ServoAnswer, TAIL, checksum,
 };
 pub use message::{Action, FirmwareVersion, Request, Response, ServoRequest, ServoResponse};
+pub use protocol::Alpha1;
 pub use value::{
-    Address, Angle, Interval, Led, MoveTime, OLDEST_FIRMWARE, Offset, OffsetTool, Outcome, SERVOS, ServoAngles,
-    ServoId, ServoStates, Text, UsbType,
+    Address, Angle, Interval, Led, MAX_TEXT, MoveTime, OLDEST_FIRMWARE, Offset, OffsetTool, Outcome, SERVOS,
+    ServoAngles, ServoId, ServoStates, Text, UsbType,
 };
 
 use crate::Client;
@@ -62,8 +64,3 @@ use crate::Client;
 /// # Ok::<(), armwire::SubmitError>(())
 /// ```
 pub type Alpha1Client = Client<Alpha1, MAX_FRAME>;
-
-/// The protocol of the Alpha1 and of its servos.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Alpha1;

@@ -4,9 +4,11 @@ use core::fmt;
 use core::str;
 use core::time::Duration;
 
-use super::MAX_TEXT;
 use crate::OutOfRange;
 use crate::error::at_most;
+
+/// The maximum length of a version or a name, in bytes: the count byte includes itself.
+pub const MAX_TEXT: usize = u8::MAX as usize - 1;
 
 /// Number of servos in an action (row FB). An Alpha1 has 16.
 pub const SERVOS: usize = 20;

@@ -22,6 +22,7 @@ mod frame;
 #[cfg(feature = "ling-legacy")]
 pub mod legacy;
 mod message;
+mod protocol;
 pub mod stop;
 #[cfg(test)]
 mod tests;
@@ -36,6 +37,7 @@ pub use frame::{
     Frame, MAX_DATA, MAX_FRAME, OVERHEAD, READ_INFO, READ_JOINTS, SELF_CHECK, TAIL, TORQUE_OFF, TORQUE_ON, checksum,
 };
 pub use message::{GripperSpeed, Info, JointState, Move, Request, Response, Torque};
+pub use protocol::Ling;
 pub use stop::Stop;
 pub use value::{
     JOINTS, Kind, MotionStatus, Opening, PerServo, Position, SelfCheck, SerialNumber, Speed, Stroke, TICKS_PER_TURN,
@@ -55,8 +57,3 @@ use crate::Client;
 /// # Ok::<(), armwire::SubmitError>(())
 /// ```
 pub type LingClient = Client<Ling, MAX_FRAME>;
-
-/// The Ling protocol.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Ling;

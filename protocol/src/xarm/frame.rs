@@ -19,18 +19,12 @@
 //! connection. The end of any other frame is known: a frame that is too short or too long, or a malformed heartbeat, is
 //! skipped.
 
-use super::XArm;
+use super::{MAX_PARAMS, XArm};
 use crate::BufferTooShort;
 use crate::framing::{Framing, Reason, Scan, write};
 
 /// Bytes before the body.
 pub const HEADER: usize = 6;
-
-/// Maximum length of a message's parameters, in bytes.
-///
-/// With register and state they are as long as the longest body of Modbus TCP, which shares the connection. The vendor's
-/// package sends at most 113, apart from data for a serial line at the tool.
-pub const MAX_PARAMS: usize = 252;
 
 /// The longest body, in bytes: register, state and parameters.
 pub const MAX_BODY: usize = MAX_PARAMS + 2;

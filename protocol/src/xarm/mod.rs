@@ -19,6 +19,7 @@ mod driver;
 mod frame;
 mod message;
 mod message_id;
+mod protocol;
 #[cfg(test)]
 mod tests;
 mod text;
@@ -28,12 +29,13 @@ pub use answer::Answer;
 pub use correlation::Key;
 #[cfg(feature = "async")]
 pub use driver::Arm;
-pub use frame::{Direction, Frame, HEADER, HEARTBEAT, MAX_BODY, MAX_FRAME, MAX_PARAMS};
+pub use frame::{Direction, Frame, HEADER, HEARTBEAT, MAX_BODY, MAX_FRAME};
 pub use message::{Reply, Request, Response};
 pub use message_id::MessageId;
+pub use protocol::XArm;
 pub use value::{
-    Joint, MAX_JOINTS, ModbusFunction, ProtocolId, Raw, RawError, Register, RotationRadius, SerialsText, State, TEXT,
-    TorqueSource, Version, VersionError, VersionText,
+    Joint, MAX_JOINTS, MAX_PARAMS, ModbusFunction, ProtocolId, Raw, RawError, Register, RotationRadius, SerialsText,
+    State, TEXT, TorqueSource, Version, VersionError, VersionText,
 };
 
 use crate::Client;
@@ -49,24 +51,3 @@ use crate::Client;
 /// # Ok::<(), armwire::SubmitError>(())
 /// ```
 pub type XArmClient = Client<XArm, MAX_FRAME>;
-
-/// The xArm protocol, with the protocol id of its requests. Responses are accepted with any id.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct XArm {
-    /// The protocol id.
-    pub protocol: ProtocolId,
-}
-
-impl XArm {
-    /// Protocol id 2, that of the document.
-    pub const PRIVATE: Self = Self {
-        protocol: ProtocolId::Private,
-    };
-}
-
-impl Default for XArm {
-    fn default() -> Self {
-        Self::PRIVATE
-    }
-}

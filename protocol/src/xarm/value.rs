@@ -6,9 +6,14 @@ use core::str;
 
 use thiserror::Error;
 
-use super::MAX_PARAMS;
 use crate::OutOfRange;
 use crate::error::{at_most, within};
+
+/// Maximum length of a message's parameters, in bytes.
+///
+/// With register and state they are as long as the longest body of Modbus TCP, which shares the connection. The vendor's
+/// package sends at most 113, apart from data for a serial line at the tool.
+pub const MAX_PARAMS: usize = 252;
 
 /// Maximum number of axes of an arm.
 pub const MAX_JOINTS: u8 = 7;

@@ -239,12 +239,6 @@ impl VirtualXArm {
         })
     }
 
-    /// Returns a report, [`REPORT`] bytes, which a real arm sends five times a second.
-    pub fn report(&mut self, now: Instant) -> Vec<u8> {
-        self.advance(now);
-        report::report(self)
-    }
-
     fn restart(&mut self) {
         let mut body = self.body.clone();
         body.restart();

@@ -8,6 +8,7 @@
 //! inputs and outputs; a force sensor; collision sensitivity; limits on jerk and on Cartesian motion; ids and error
 //! codes of its servos.
 
+use armwire::time::Instant;
 use armwire::xarm::TorqueSource;
 
 use super::body::{MAX_ACCELERATION, MAX_SPEED};
@@ -16,48 +17,51 @@ use super::{VirtualXArm, floats};
 /// Length of a report, in bytes. The SDK closes a connection when the length changes.
 pub const REPORT: usize = 495;
 
-/// Encodes a report of the arm's current state.
-pub(super) fn report(arm: &VirtualXArm) -> Vec<u8> {
-    let body = &arm.body;
-    let placed = body.placed();
-    let flange = &placed.flange;
-    let kind = arm.config.model.joints() as u8;
+impl VirtualXArm {
+    /// Returns a report, [`REPORT`] bytes, which a real arm sends five times a second.
+    pub fn report(&mut self, now: Instant) -> Vec<u8> {
+        self.advance(now);
+        let body = &self.body;
+        let placed = body.placed();
+        let flange = &placed.flange;
+        let kind = self.config.model.joints() as u8;
 
-    let mut out = Fields(Vec::with_capacity(REPORT));
-    out.bytes(&(REPORT as u32).to_be_bytes());
-    out.bytes(&[body.mode() << 4 | body.state()]);
-    out.bytes(&(body.moves() as u16).to_be_bytes());
-    out.floats(body.joints());
-    out.floats(&flange.position);
-    out.floats(&flange.roll_pitch_yaw());
-    out.zeros(7 * 4); // torques
-    // Brake bits: 1 means off, which a motor that is on has.
-    out.bytes(&[body.motors(), body.motors(), body.error(), body.warning()]);
-    out.zeros(6 * 4 + 4 * 4); // tool and load
-    out.zeros(2); // sensitivity to collisions and to guiding hands
-    out.floats(&[0.0, 0.0, -1.0]); // gravity
-    out.bytes(&[kind, kind, 0, 0, 0, 0]); // type, axes, ids
-    out.bytes(&arm.config.version[..29]);
-    out.zeros(1);
-    out.zeros(5 * 4); // Cartesian motion: jerk, accelerations, speeds
-    out.floats(&[0.0, 0.0, MAX_ACCELERATION.into(), 0.0, MAX_SPEED.into()]); // joint motion: the same
-    out.zeros(2 * 4); // Cartesian rotation: jerk, acceleration
-    out.zeros(7 * 2 + 2); // status and error code of each servo and of the flange's electronics
-    out.zeros(7); // temperatures
-    out.floats(&[placed.speed(body.velocities())]);
-    out.floats(body.velocities());
-    out.zeros(4); // a counter
-    out.zeros(6 * 4); // base offset
-    out.zeros(2); // resetting of outputs
-    out.zeros(3 + 6 * 4); // simulation, self-collision, shape of the tool
-    out.zeros(7 * 2 + 7 * 4); // voltages, currents
-    out.zeros(2 + 8 * 2 + 4 * 8); // inputs and outputs
-    out.zeros(2 * 6 * 4); // force sensor
-    out.zeros(1); // identification
-    out.floats(&flange.rotation_vector());
-    let current = u8::from(arm.torque_source == TorqueSource::Current);
-    out.bytes(&[current << 2 | u8::from(arm.approximates) << 3]);
-    out.0
+        let mut out = Fields(Vec::with_capacity(REPORT));
+        out.bytes(&(REPORT as u32).to_be_bytes());
+        out.bytes(&[body.mode() << 4 | body.state()]);
+        out.bytes(&(body.moves() as u16).to_be_bytes());
+        out.floats(body.joints());
+        out.floats(&flange.position);
+        out.floats(&flange.roll_pitch_yaw());
+        out.zeros(7 * 4); // torques
+        // Brake bits: 1 means off, which a motor that is on has.
+        out.bytes(&[body.motors(), body.motors(), body.error(), body.warning()]);
+        out.zeros(6 * 4 + 4 * 4); // tool and load
+        out.zeros(2); // sensitivity to collisions and to guiding hands
+        out.floats(&[0.0, 0.0, -1.0]); // gravity
+        out.bytes(&[kind, kind, 0, 0, 0, 0]); // type, axes, ids
+        out.bytes(&self.config.version[..29]);
+        out.zeros(1);
+        out.zeros(5 * 4); // Cartesian motion: jerk, accelerations, speeds
+        out.floats(&[0.0, 0.0, MAX_ACCELERATION.into(), 0.0, MAX_SPEED.into()]); // joint motion: the same
+        out.zeros(2 * 4); // Cartesian rotation: jerk, acceleration
+        out.zeros(7 * 2 + 2); // status and error code of each servo and of the flange's electronics
+        out.zeros(7); // temperatures
+        out.floats(&[placed.speed(body.velocities())]);
+        out.floats(body.velocities());
+        out.zeros(4); // a counter
+        out.zeros(6 * 4); // base offset
+        out.zeros(2); // resetting of outputs
+        out.zeros(3 + 6 * 4); // simulation, self-collision, shape of the tool
+        out.zeros(7 * 2 + 7 * 4); // voltages, currents
+        out.zeros(2 + 8 * 2 + 4 * 8); // inputs and outputs
+        out.zeros(2 * 6 * 4); // force sensor
+        out.zeros(1); // identification
+        out.floats(&flange.rotation_vector());
+        let current = u8::from(self.torque_source == TorqueSource::Current);
+        out.bytes(&[current << 2 | u8::from(self.approximates) << 3]);
+        out.0
+    }
 }
 
 /// Fields, one after the other.

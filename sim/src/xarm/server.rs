@@ -19,8 +19,10 @@ use rustix::io::Errno;
 use super::VirtualXArm;
 use super::report::REPORT;
 use client::{Client, is_nothing_yet, prepare};
+pub use port::Port;
 
 mod client;
+mod port;
 #[cfg(test)]
 mod tests;
 
@@ -71,15 +73,6 @@ impl fmt::Display for BindError {
 }
 
 impl std::error::Error for BindError {}
-
-/// A port of the server.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Port {
-    /// Requests and responses; port 502 on a real arm.
-    Control,
-    /// Reports; port 30002 on a real arm.
-    Report,
-}
 
 /// An event of a server's clients.
 #[derive(Debug)]

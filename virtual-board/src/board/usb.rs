@@ -38,7 +38,14 @@ const ENDPOINT_HALT: u16 = 0;
 /// The USB host and its open serial port.
 #[derive(Debug)]
 pub struct Usb<'a, A: Arm> {
-    pub(super) board: &'a mut VirtualBoard<A>,
+    board: &'a mut VirtualBoard<A>,
+}
+
+impl<A: Arm> VirtualBoard<A> {
+    /// The USB host.
+    pub fn usb(&mut self) -> Usb<'_, A> {
+        Usb { board: self }
+    }
 }
 
 impl<A: Arm> Usb<'_, A> {

@@ -4,8 +4,10 @@ use std::collections::VecDeque;
 
 use armwire_sim::pty::Pty;
 
-use super::BACKLOG;
 use crate::{Error, Pipe};
+
+/// Number of buffered bytes at which the other side is no longer read.
+pub(super) const BACKLOG: usize = 4096;
 
 /// The pty of the port.
 pub(super) struct BytePort {

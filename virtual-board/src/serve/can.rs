@@ -4,7 +4,7 @@ use armwire_bridge::slcan::Status;
 use armwire_sim::pty::Pty;
 use armwire_sim::slcan::Adapter;
 
-use super::BACKLOG;
+use super::bytes::BACKLOG;
 use crate::board::Can;
 use crate::can::{ErrorState, NodeConfig, Outcome};
 use crate::error::Error;

@@ -44,9 +44,6 @@ const MAX_LAG: Nanos = Nanos::from_millis(100);
 /// The serial port's baud rate until a program sets another: the arm's, which hosts on CAN use too.
 const BAUD: u32 = 1_000_000;
 
-/// Number of buffered bytes at which the other side is no longer read.
-const BACKLOG: usize = 4096;
-
 /// The adapter's node on the board's CAN bus.
 const NODE: u8 = 0;
 

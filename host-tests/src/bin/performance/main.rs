@@ -7,8 +7,10 @@ mod board;
 mod counts;
 mod elf;
 mod latency;
+mod measured;
 mod page;
 mod plots;
+mod result;
 mod scenes;
 
 use std::path::Path;
@@ -20,25 +22,15 @@ use armwire_sim::ling::{Config, LingArm};
 use armwire_virtual_board::Nanos;
 
 use crate::board::Board;
-use crate::latency::{Latency, WAYS};
+use crate::latency::WAYS;
+use crate::measured::Measured;
+use crate::result::Result;
 use crate::scenes::{Figures, Scene};
-
-type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
 
 /// Number of calls on a quiet adapter.
 const CALLS: u64 = 101;
 /// Maximum percentage of used stack.
 const STACK_LIMIT: f64 = 75.0;
-
-/// The measurements of a board.
-struct Measured {
-    board: Board,
-    latency: Latency,
-    /// In the order of [`Scene::ALL`].
-    scenes: Vec<Option<Figures>>,
-    /// Median latencies of an answer to USB and a request from USB without other load.
-    quiet: [Nanos; 2],
-}
 
 fn main() -> ExitCode {
     let args: Vec<String> = env::args().skip(1).collect();

@@ -9,6 +9,7 @@ mod inject;
 mod invariants;
 mod matrix;
 mod mutations;
+mod result;
 mod rig;
 mod table;
 
@@ -25,12 +26,10 @@ use self::cable::Cable;
 pub use self::invariants::Losses;
 pub use self::matrix::{Fault, Moment};
 pub use self::mutations::Mutation;
+pub use self::result::Result;
 use self::rig::Rig;
 pub use self::table::table;
 use crate::random::Random;
-
-/// The result of a step of a run. The error describes a violated invariant.
-pub type Result<T = (), E = Box<dyn Error>> = std::result::Result<T, E>;
 
 /// Duration of the load without faults after the recovery.
 const CLEAN: Nanos = Nanos::from_millis(30);

@@ -12,7 +12,7 @@ use crate::ports::line::{Line, Names, Reception};
 
 use super::device::{self, Device};
 use super::reports::{Named, Reports};
-use super::{ALPHA1, Selector};
+use super::selector::{ALPHA1, Selector};
 
 /// The names of all devices with the ids of an Alpha1. Empty if the system cannot list HID devices.
 pub(super) fn alpha1_names() -> Vec<String> {

@@ -15,7 +15,8 @@ use crate::ArmKind;
 use crate::decode::decode_recording;
 use crate::decode::format::Format;
 use crate::decode::input::Head;
-use crate::decode::log::{MAX_EXTENDED, Record, csv, gvret, read};
+use crate::decode::log::record::MAX_EXTENDED;
+use crate::decode::log::{Record, csv, gvret, read};
 use crate::decode::output::Entries;
 use crate::decode::tests::{Pieces, line};
 
