@@ -11,7 +11,9 @@ use crate::image::{self, Image, Options};
 use crate::process;
 use crate::steps::Steps;
 use crate::workspace::{ALONE, root};
-use crate::{apt, c_library, campaign, fuzz, integrity, packages, parallel, performance, readme, ros2, semver};
+use crate::{
+    apt, c_library, campaign, circles, fuzz, integrity, packages, parallel, performance, readme, ros2, semver,
+};
 
 /// Everything but the firmware.
 const HOST: &str = "--workspace --exclude armwire-firmware";
@@ -65,6 +67,7 @@ pub(crate) fn run() -> Result<()> {
             process::run(&mut cargo(&format!("fmt --check {alone}")))
         })
     })?;
+    ci.step("circles of imports", circles::check)?;
     ci.step("drawings", drawings)?;
     ci.step("clippy", || {
         process::run(&mut cargo(&format!(

@@ -6,6 +6,7 @@ mod c_library;
 mod campaign;
 mod cargo;
 mod ci;
+mod circles;
 mod coverage;
 mod demo;
 mod deny;
@@ -71,6 +72,8 @@ enum Command {
     Runner(flash::Runner),
     /// Run all checks of a change
     Ci,
+    /// Check that no imports between files form a circle
+    Circles,
     /// Check the C library: header, tests, sizes and packages
     C(c_library::Options),
     /// Check the package for Python: types, wheel, tests, speed
@@ -139,6 +142,7 @@ impl Command {
             Self::Fw(options) => flash::run(&options),
             Self::Runner(runner) => flash::run_program(&runner),
             Self::Ci => ci::run(),
+            Self::Circles => circles::check(),
             Self::C(options) => c_library::run_all(&options),
             Self::Python(options) => python::run_all(&options),
             Self::Lerobot => python::run_lerobot(),
