@@ -238,9 +238,14 @@ impl<D: Correlation, I: Copy + Eq, const N: usize> Exchange<D, I, N> {
         sent.stale = false;
     }
 
-    /// A frame arrived, its last byte at `now`. Returns the request that it answers. Before the call,
-    /// [resolve](Self::expire) the sends that had ended when the frame arrived, not when it was read.
+    /// A frame arrived, its last byte at `now`. Returns the request that it answers.
+    ///
+    /// The time stamp of its first byte, if it has one, [resolves](Self::expire) the sends that had ended by then. Without
+    /// it a frame may have arrived long before, and resolves none.
     pub fn on_frame(&mut self, correlation: &D, frame: &[u8], first: FirstByte, now: Instant) -> Match<I> {
+        if let Some(at) = first.at {
+            self.expire(at);
+        }
         let window = self.stale_window;
         let is_answered = |sent: &&mut Sent<D, I>| sent.is_answered_by(correlation, frame, first);
         let Some(sent) = self.sends.iter_mut().find(is_answered) else {

@@ -64,6 +64,26 @@ fn send_is_resolved_after_the_stale_window() {
 }
 
 #[test]
+fn frame_resolves_the_sends_that_ended_before_it() {
+    let mut line = plain();
+    for (first, expected) in [(149, Match::Late(Usb)), (150, Match::Unsolicited)] {
+        line.send(1, Usb, 0);
+        assert_eq!(line.missing(100), [Usb]);
+        let offset = line.offset;
+        assert_eq!(line.frame_from(1, offset, Some(first), 200), expected, "{first}");
+        assert!(line.exchange.is_idle());
+    }
+}
+
+#[test]
+fn frame_without_a_stamp_resolves_no_send() {
+    let mut line = plain();
+    line.send(1, Usb, 0);
+    assert_eq!(line.missing(100), [Usb]);
+    assert_eq!(line.frame_from(1, 0, None, 200), Match::Late(Usb));
+}
+
+#[test]
 fn late_answer_counts_once_for_its_own_request() {
     let mut line = plain();
     line.send(1, Usb, 0);

@@ -149,7 +149,6 @@ impl Wire {
         let item = self.decoder.item(span);
         count(&mut journal.counters.frames, 1);
         let first = first_byte(span, byte_time, at);
-        self.exchange.expire(first.at.unwrap_or(at));
         let initiator = match self.exchange.on_frame(&kind, item.bytes, first, at) {
             Match::Answer { who, sent } => {
                 journal.latencies.answer.add(at.since(sent));
