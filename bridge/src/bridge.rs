@@ -5,7 +5,7 @@ use core::fmt;
 use crate::action::Action;
 use crate::can::Frame;
 use crate::config::{self, Config, Saved};
-use crate::control::{Failure, Identity};
+use crate::control::{Failure, Identity, MAX_FRAME};
 use crate::counters::{CanErrors, Counters, UartErrors, count};
 use crate::earliest::Earliest;
 use crate::hosts::Hosts;
@@ -116,21 +116,18 @@ impl Bridge {
     /// use armwire_bridge::config::Config;
     /// use armwire_bridge::control::Identity;
     /// use armwire_bridge::time::Instant;
-    /// use armwire_bridge::{Bridge, Start, Transmit};
+    /// use armwire_bridge::{Bridge, Start};
     ///
     /// let start = Start { hard_faults: 1, was_armed: true, ..Start::default() };
     /// let mut bridge = Bridge::new(Identity::default(), Config::default(), start);
     /// assert_eq!(bridge.counters().hard_faults, 1);
     ///
     /// // Zeros end a partial frame in the arm. Torque-off follows them.
-    /// let mut buf = [0; 256];
-    /// let burst = |len| Some(Transmit::Burst { len, start: None });
-    /// for zeros in [70, 70, 70, 51] {
-    ///     assert_eq!(bridge.uart_transmit(&mut buf, Instant::ZERO), burst(zeros));
-    ///     bridge.uart_transmitted(Instant::ZERO);
-    /// }
-    /// assert_eq!(bridge.uart_transmit(&mut buf, Instant::ZERO), burst(7));
-    /// assert_eq!(buf[..7], [0xAA, 0x05, 0x00, 0x01, 0x00, 0x6F, 0xFF]);
+    /// let mut sent = vec![];
+    /// let mut transmit = || bridge.uart_transmit(&mut [0; 70], Instant::ZERO, |bytes, _| sent.extend_from_slice(bytes));
+    /// while transmit().is_some() {}
+    /// assert_eq!(sent[..261], [0; 261]);
+    /// assert_eq!(sent[261..], [0xAA, 0x05, 0x00, 0x01, 0x00, 0x6F, 0xFF]);
     /// ```
     pub fn new(identity: Identity, config: Config, start: Start) -> Self {
         let mut hosts = Hosts::new(identity, config, start.recovery);
@@ -163,13 +160,22 @@ impl Bridge {
     /// Handles a read of the UART: `bytes` were received, possibly none, and the last of them arrived at `at`, which is
     /// the stamp of the frame that it ends. Returns the number of frames that ended.
     ///
-    /// Without an ended frame, only [`usb_transmit`](Self::usb_transmit) can have become due. With one, call it first: it
-    /// does not wait for the accounting of the frame, with which every call begins but this one and
-    /// [`uart_ahead`](Self::uart_ahead). Read the next [`rx_threshold`](Self::rx_threshold) afterwards. Pass at most
-    /// [`PACKET`] bytes at a time: frames of a larger read may be missing for subscribers.
+    /// Without an ended frame, only [`usb_transmit`](Self::usb_transmit) can have become due. The last frame is accounted
+    /// for by the next call other than `usb_transmit` and [`uart_transmit_ahead`](Self::uart_transmit_ahead), which do not
+    /// wait for that.
     pub fn uart_received(&mut self, bytes: &[u8], at: Instant) -> usize {
-        make_delivery_room(self.line.settled(), &mut self.hosts, at);
-        self.line.received(bytes, at)
+        let mut frames: usize = 0;
+        let mut rest = bytes;
+        loop {
+            // There is room for the frames of a packet.
+            let (packet, later) = rest.split_at(rest.len().min(PACKET));
+            make_delivery_room(self.line.settled(), &mut self.hosts, at);
+            frames = frames.saturating_add(self.line.received(packet, at));
+            if later.is_empty() {
+                return frames;
+            }
+            rest = later;
+        }
     }
 
     /// Handles any other event of the UART. Returns the number of frames that it ended.
@@ -247,12 +253,11 @@ impl Bridge {
         }
     }
 
-    /// Copies the next bytes for the arm to the front of `out`, or returns the configuration that the UART must change
-    /// to first. `None` if nothing is due now.
+    /// Gives a UART that is ready its next work: copies the next bytes for the arm to the front of `out`, and passes them
+    /// to `send`, which starts to transmit them at once or at [`start`](Transmit::Burst::start); or returns the
+    /// configuration that the UART must change to. `None` if nothing is due now.
     ///
-    /// `out` needs room for a whole frame, [`MAX_FRAME`](crate::control::MAX_FRAME) bytes. Call this when the UART is
-    /// ready, transmit the bytes at once or at [`start`](Transmit::Burst::start), and then call
-    /// [`uart_transmitted`](Self::uart_transmitted).
+    /// The bytes are accounted for after `send`. A DMA may read them from `out` as long as they are unchanged there.
     ///
     /// ```
     /// use armwire_bridge::config::{Config, Poll};
@@ -266,25 +271,31 @@ impl Bridge {
     /// bridge.tick(Instant::from_micros(500));
     /// let slot = Instant::from_micros(10_500);
     /// assert_eq!(bridge.timeout(), Some(slot - POLL_LEAD_TIME));
-    /// let burst = bridge.uart_transmit(&mut [0; 70], slot - POLL_LEAD_TIME);
+    /// let burst = bridge.uart_transmit(&mut [0; 70], slot - POLL_LEAD_TIME, |poll, start| {
+    ///     assert_eq!((poll.len(), start), (7, Some(slot)));
+    /// });
     /// assert_eq!(burst, Some(Transmit::Burst { len: 7, start: Some(slot) }));
     /// ```
-    pub fn uart_transmit(&mut self, out: &mut [u8], now: Instant) -> Option<Transmit> {
-        self.line.settled().transmit(out, now)
+    pub fn uart_transmit(
+        &mut self,
+        out: &mut [u8; MAX_FRAME],
+        now: Instant,
+        send: impl FnOnce(&[u8], Option<Instant>),
+    ) -> Option<Transmit> {
+        self.line.settled().transmit(out, now, send)
     }
 
-    /// The poll that [`uart_transmit`](Self::uart_transmit) returns next, to be sent at once. `None` if that is unknown
-    /// before the last frame of the arm is accounted for.
-    ///
-    /// If the UART is ready, transmit it right after [`uart_received`](Self::uart_received), and call `uart_transmit` and
-    /// [`uart_transmitted`](Self::uart_transmitted) then.
-    pub fn uart_ahead(&self) -> Option<&'static [u8]> {
-        self.line.next_poll()
-    }
-
-    /// The UART has been sending the bytes of the last [`uart_transmit`](Self::uart_transmit) since `now`.
-    pub fn uart_transmitted(&mut self, now: Instant) {
-        self.line.settled().transmitted(now);
+    /// As [`uart_transmit`](Self::uart_transmit), but only for a poll that follows the last frame of the arm at once, and
+    /// before that frame is accounted for. `send` starts to transmit it and returns the time. `None` if only the
+    /// accounting can tell what is next.
+    pub fn uart_transmit_ahead(
+        &mut self,
+        out: &mut [u8; MAX_FRAME],
+        send: impl FnOnce(&'static [u8]) -> Instant,
+    ) -> Option<Transmit> {
+        let now = send(self.line.next_poll()?);
+        // The same poll is chosen now.
+        self.line.settled().transmit(out, now, |_, _| {})
     }
 
     // ---- USB ----
@@ -386,9 +397,10 @@ impl Bridge {
     /// assert_eq!(bridge.line_coding().baud, 1_000_000);
     ///
     /// bridge.set_line_coding([0x00, 0xC2, 0x01, 0x00, 0, 0, 8], Instant::ZERO).unwrap();
-    /// assert_eq!(bridge.uart_transmit(&mut [0; 70], Instant::ZERO), None);
+    /// let mut transmit = |bridge: &mut Bridge| bridge.uart_transmit(&mut [0; 70], Instant::ZERO, |_, _| {});
+    /// assert_eq!(transmit(&mut bridge), None);
     /// bridge.usb_received(b"at 115200 baud", Instant::ZERO);
-    /// let Some(Transmit::Configure(uart)) = bridge.uart_transmit(&mut [0; 70], Instant::ZERO) else { panic!() };
+    /// let Some(Transmit::Configure(uart)) = transmit(&mut bridge) else { panic!() };
     /// // Here firmware waits for the last bit to leave, and changes the UART.
     /// bridge.uart_event(UartEvent::Configured(uart), Instant::ZERO);
     /// assert_eq!((uart.coding.baud, bridge.line_coding().baud), (115_200, 115_200));

@@ -56,6 +56,7 @@
 //!   nothing.
 //!
 //! ```
+//! use armwire_bridge::control::MAX_FRAME;
 //! use armwire_bridge::time::Instant;
 //! use armwire_bridge::{Bridge, PACKET, Transmit, UsbEvent};
 //!
@@ -64,10 +65,8 @@
 //!
 //! // The host requests the joint positions …
 //! bridge.usb_received(&[0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF], Instant::ZERO);
-//! let mut buf = [0; 256];
-//! let burst = bridge.uart_transmit(&mut buf, Instant::ZERO);
+//! let burst = bridge.uart_transmit(&mut [0; MAX_FRAME], Instant::ZERO, |bytes, _| assert_eq!(bytes[1], 0x06));
 //! assert_eq!(burst, Some(Transmit::Burst { len: 7, start: None }));
-//! bridge.uart_transmitted(Instant::ZERO);
 //!
 //! // … and the arm answers. Before the end of the frame is in, nothing is sent; then all of it is, at once.
 //! let answer = [0xAA, 0x05, 0x00, 0x01, 0x01, 0xF9, 0xFF];

@@ -31,11 +31,6 @@ impl<const N: usize> Queue<N> {
         self.used.len = 0;
     }
 
-    /// Drops the bytes after the first `len`.
-    pub(crate) fn truncate(&mut self, len: usize) {
-        self.used.len = self.used.len.min(len);
-    }
-
     /// Appends as many bytes as fit, and returns the number of dropped ones.
     pub(crate) fn push(&mut self, bytes: &[u8]) -> usize {
         self.used.push(&mut self.ring, bytes)

@@ -8,8 +8,8 @@ use std::time::Instant;
 
 use armwire_bridge::config::{Config, Poll};
 use armwire_bridge::control::{
-    Event, FromAdapter, FromHost, Identity, Initiator, MAX_COBS, MAX_MESSAGE, Reader, Request, Stamp, Subscription,
-    encode_cobs,
+    Event, FromAdapter, FromHost, Identity, Initiator, MAX_COBS, MAX_FRAME, MAX_MESSAGE, Reader, Request, Stamp,
+    Subscription, encode_cobs,
 };
 use armwire_bridge::time;
 use armwire_bridge::{Bridge, Counters, PACKET, Start, Transmit, UartEvent, UsbEvent};
@@ -260,12 +260,10 @@ fn hours_of_polls_keep_counters_and_stamps_exact() {
     let (mut polls, mut received) = (0_u32, 0_u64);
     let mut before = None;
     loop {
-        let mut out = [0; 2 * PACKET];
-        while let Some(transmit) = bridge.uart_transmit(&mut out, now) {
+        while let Some(transmit) = bridge.uart_transmit(&mut [0; MAX_FRAME], now, |_, _| {}) {
             let Transmit::Burst { len, start } = transmit else {
                 panic!("the line is the arm's from the start: {transmit:?}");
             };
-            bridge.uart_transmitted(now);
             let start = start.unwrap_or(now);
             received += len as u64;
             let answer = numbered_answer(polls);

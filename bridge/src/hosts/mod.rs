@@ -343,7 +343,7 @@ impl Hosts {
             return Some(Action::RestartCan(self.config.can));
         }
         // Torque-off and the hold of a stop go out before a restart, and before the core stalls.
-        let is_free = !line.is_torque_off_waiting() && !line.is_stopping();
+        let is_free = !line.is_torque_off_due() && !line.is_stopping();
         if !is_free {
             return None;
         }

@@ -15,8 +15,6 @@ impl Line {
         }
         let steps = self.guard.stop.steps(self.kind);
         let steps = steps.ok_or(Failure::NotStoppable(self.kind))?;
-        // Bytes that were handed over are on their way.
-        self.transmitted(now);
         self.take_line_back(now);
         if self.guard.stop.refuse_motion(now) {
             for initiator in STREAMERS {

@@ -12,12 +12,12 @@ use super::guard::{EndedStream, EndedStreams, STREAMERS};
 impl Line {
     /// Returns true if a restart now must switch the torque off.
     pub(crate) fn is_armed(&self) -> bool {
-        self.is_torque_off_waiting() || self.guard.dead_man.switches_off() && self.guard.dead_man.is_any_streaming()
+        self.is_torque_off_due() || self.guard.dead_man.switches_off() && self.guard.dead_man.is_any_streaming()
     }
 
-    /// Returns true if torque-off is pending.
-    pub(crate) fn is_torque_off_waiting(&self) -> bool {
-        self.outbox.is_torque_off_waiting()
+    /// Returns true if torque-off waits.
+    pub(crate) fn is_torque_off_due(&self) -> bool {
+        self.outbox.is_torque_off_due()
     }
 
     /// The adapter's previous run stopped while it was armed: torque-off goes out first.

@@ -2,10 +2,10 @@
 
 use armwire::time::Instant;
 
-use crate::control::Initiator;
+use crate::control::{Initiator, MAX_FRAME};
 
 use super::Line;
-use super::outbox::{BurstKind, Transmit, View};
+use super::outbox::{Burst, BurstKind, Transmit, View};
 
 impl Line {
     /// Returns true if [`transmit`](Self::transmit) has work.
@@ -13,14 +13,29 @@ impl Line {
         self.uart_change().is_some() || self.outbox.next(self.view(), now).is_some()
     }
 
-    /// Copies the next bytes for the arm to the front of `out`, [`MAX_FRAME`](crate::control::MAX_FRAME) bytes at least,
-    /// or returns the configuration that the UART must change to first. `None` if nothing is due now.
-    pub(crate) fn transmit(&mut self, out: &mut [u8], now: Instant) -> Option<Transmit> {
+    /// Copies the next bytes for the arm to the front of `out`, passes them to `send` with the start of the first one,
+    /// and then accounts for them; or returns the configuration that the UART must change to before. `None` if nothing is
+    /// due now.
+    pub(crate) fn transmit(
+        &mut self,
+        out: &mut [u8; MAX_FRAME],
+        now: Instant,
+        send: impl FnOnce(&[u8], Option<Instant>),
+    ) -> Option<Transmit> {
         self.tick_requests(now);
         self.tick_turn(now);
         if let Some(uart) = self.uart_change() {
             return Some(Transmit::Configure(uart));
         }
+        let burst = self.next_burst(out, now)?;
+        let Burst { len, start, .. } = burst;
+        send(out.get(..len).unwrap_or_default(), start);
+        self.transmitted(burst, now);
+        Some(Transmit::Burst { len, start })
+    }
+
+    /// Copies the next burst to the front of `out`.
+    fn next_burst(&mut self, out: &mut [u8; MAX_FRAME], now: Instant) -> Option<Burst> {
         let Self {
             kind,
             wire,
@@ -37,17 +52,12 @@ impl Line {
         if burst.is_motion() {
             guard.stop.on_motion(*kind, out.get(..burst.len).unwrap_or_default());
         }
-        Some(Transmit::Burst {
-            len: burst.len,
-            start: burst.start,
-        })
+        Some(burst)
     }
 
-    /// The UART has been sending the bytes of the last [`transmit`](Self::transmit) since `now`: accounts for them.
-    pub(crate) fn transmitted(&mut self, now: Instant) {
-        let Some(burst) = self.outbox.transmitted(now, &mut self.journal) else {
-            return;
-        };
+    /// Accounts for a burst that the UART has been sending since `now`.
+    fn transmitted(&mut self, burst: Burst, now: Instant) {
+        self.outbox.transmitted(&burst, now, &mut self.journal);
         match burst.kind {
             BurstKind::Host => return self.host_transmitted(burst.len, now),
             BurstKind::Zeros => return,

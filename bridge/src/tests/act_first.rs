@@ -134,12 +134,9 @@ fn call(bridge: &mut Bridge, step: &Step, now: u64) -> (usize, Vec<u8>, Option<T
         }
         Step::Transmit => {
             let mut out = [0; MAX_FRAME];
-            let transmit = bridge.uart_transmit(&mut out, now);
+            let transmit = bridge.uart_transmit(&mut out, now, |_, _| {});
             match transmit {
-                Some(Transmit::Burst { len, .. }) => {
-                    bridge.uart_transmitted(now);
-                    (len, out[..len].to_vec(), transmit)
-                }
+                Some(Transmit::Burst { len, .. }) => (len, out[..len].to_vec(), transmit),
                 Some(Transmit::Configure(uart)) => (bridge.uart_event(UartEvent::Configured(uart), now), vec![], None),
                 None => (0, vec![], None),
             }
@@ -157,25 +154,39 @@ const fn at_once_burst(len: usize) -> Transmit {
     Transmit::Burst { len, start: None }
 }
 
+/// Starts the poll that follows the last frame, and returns what is accounted for.
+fn ahead(bridge: &mut Bridge, now: u64) -> Option<(usize, Vec<u8>, Option<Transmit>)> {
+    let mut out = [0; MAX_FRAME];
+    let mut sent: Option<&[u8]> = None;
+    let transmit = bridge.uart_transmit_ahead(&mut out, |poll| {
+        sent = Some(poll);
+        at(now)
+    });
+    assert_eq!(transmit, sent.map(|poll| at_once_burst(poll.len())));
+    let poll = sent?;
+    assert_eq!(out[..poll.len()], *poll);
+    Some((poll.len(), poll.to_vec(), transmit))
+}
+
 #[test]
 fn next_poll_may_start_with_answer() {
     let mut bridge = adapter(Poll::Fastest);
-    let mut out = [0; MAX_FRAME];
     bridge.tick(at(1_000));
-    let poll = at_once_burst(READ_JOINTS.len());
-    assert_eq!(bridge.uart_transmit(&mut out, at(1_000)), Some(poll));
-    bridge.uart_transmitted(at(1_000));
-    assert_eq!(bridge.uart_ahead(), None);
+    let poll = (
+        READ_JOINTS.len(),
+        READ_JOINTS.to_vec(),
+        Some(at_once_burst(READ_JOINTS.len())),
+    );
+    assert_eq!(call(&mut bridge, &Step::Transmit, 1_000), poll);
+    assert_eq!(ahead(&mut bridge, 1_001), None);
 
     bridge.uart_received(&at_rest(), at(2_000));
-    assert_eq!(bridge.uart_ahead(), Some(&READ_JOINTS[..]));
-    assert_eq!(bridge.uart_transmit(&mut out, at(2_001)), Some(poll));
-    bridge.uart_transmitted(at(2_001));
+    assert_eq!(ahead(&mut bridge, 2_001), Some(poll));
 
     // A request of the host on USB may go first.
     bridge.usb_received(&READ_JOINTS, at(2_500));
     bridge.uart_received(&at_rest(), at(3_000));
-    assert_eq!(bridge.uart_ahead(), None);
+    assert_eq!(ahead(&mut bridge, 3_001), None);
 }
 
 #[test]
@@ -183,8 +194,7 @@ fn all_frames_of_a_read_end_with_it() {
     for poll in [Poll::Off, Poll::Fastest] {
         let mut bridge = adapter(poll);
         bridge.tick(at(1_000));
-        bridge.uart_transmit(&mut [0; MAX_FRAME], at(1_000));
-        bridge.uart_transmitted(at(1_000));
+        bridge.uart_transmit(&mut [0; MAX_FRAME], at(1_000), |_, _| {});
         let unsolicited = ling(0x77, 1, &[0; 3]);
         let frames = [&unsolicited[..], &at_rest(), &unsolicited].concat();
         assert_eq!(bridge.uart_received(&frames, at(2_000)), 3);
@@ -201,11 +211,10 @@ fn all_frames_of_a_read_end_with_it() {
 fn unsolicited_frame_during_poll_is_due_at_once() {
     let mut bridge = adapter(Poll::Fastest);
     bridge.tick(at(1_000));
-    bridge.uart_transmit(&mut [0; MAX_FRAME], at(1_000));
-    bridge.uart_transmitted(at(1_000));
+    bridge.uart_transmit(&mut [0; MAX_FRAME], at(1_000), |_, _| {});
     let frame = ling(0x77, 1, &[0; 3]);
     bridge.uart_received(&frame, at(2_000));
-    assert_eq!(bridge.uart_ahead(), None);
+    assert_eq!(ahead(&mut bridge, 2_000), None);
     assert_eq!(bridge.usb_transmit(&mut [0; PACKET]), Some(frame.len()));
 }
 
@@ -213,11 +222,8 @@ fn unsolicited_frame_during_poll_is_due_at_once() {
 fn hold_of_stop_goes_before_next_poll() {
     let mut bridge = adapter(Poll::Fastest);
     let mut out = [0; MAX_FRAME];
-    let mut transmit = |bridge: &mut Bridge, now| match bridge.uart_transmit(&mut out, now) {
-        Some(Transmit::Burst { len, .. }) => {
-            bridge.uart_transmitted(now);
-            out[..len].to_vec()
-        }
+    let mut transmit = |bridge: &mut Bridge, now| match bridge.uart_transmit(&mut out, now, |_, _| {}) {
+        Some(Transmit::Burst { len, .. }) => out[..len].to_vec(),
         other => panic!("{other:?}"),
     };
     bridge.tick(at(1_000));
@@ -228,7 +234,7 @@ fn hold_of_stop_goes_before_next_poll() {
     assert_eq!(transmit(&mut bridge, at(5_000)), READ_JOINTS);
     assert_eq!(bridge.counters().requests_poll, 1);
     bridge.uart_received(&at_rest(), at(6_000));
-    assert_eq!(bridge.uart_ahead(), None);
+    assert_eq!(ahead(&mut bridge, 6_000), None);
     assert_eq!(transmit(&mut bridge, at(6_000))[..2], [0xAA, 0x06]);
     assert_eq!(bridge.counters().requests_poll, 1);
 }
@@ -250,10 +256,8 @@ proptest! {
             let expected = call(&mut at_once, step, now);
             let _ = at_once.timeout();
             prop_assert_eq!(call(&mut later, step, now), expected);
-            if let Some(poll) = later.uart_ahead() {
-                let expected = (poll.len(), poll.to_vec(), Some(at_once_burst(poll.len())));
-                prop_assert_eq!(&call(&mut later, &Step::Transmit, now), &expected);
-                prop_assert_eq!(call(&mut at_once, &Step::Transmit, now), expected);
+            if let Some(poll) = ahead(&mut later, now) {
+                prop_assert_eq!(call(&mut at_once, &Step::Transmit, now), poll);
             }
         }
         prop_assert_eq!(later.counters(), at_once.counters());

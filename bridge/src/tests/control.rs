@@ -7,13 +7,11 @@ use std::vec::Vec;
 
 use proptest::prelude::*;
 
-use super::rig::{Burst, Rig, at, ling, ling_responder, send_request, transmit};
+use super::rig::{Rig, at, ling, ling_responder, send_request};
 use crate::can::telemetry::{Errors, Sample, event_from_frame};
 use crate::can::{Frame, Function, Node};
 use crate::config::{ArmKind, Can, Config, ConfigError, Poll};
-use crate::control::{
-    ArmIdentity, Event, Failure, FromAdapter, Identity, MAX_FRAME, Reply, Request, Subscription, VERSION,
-};
+use crate::control::{ArmIdentity, Event, Failure, FromAdapter, Identity, Reply, Request, Subscription, VERSION};
 use crate::{Action, Bridge, CanErrors, CanEvent, Instant, LineCoding, PACKET, Start, UartConfig, UsbEvent};
 
 fn quiet() -> Rig {
@@ -215,15 +213,6 @@ fn ended_request_is_answered_before_ending_one() {
         rig.run(1);
     }
     assert_eq!(rig.can_control, []);
-}
-
-#[test]
-fn request_without_room_waits_for_more() {
-    let mut bridge = Bridge::default();
-    send_request(&mut bridge, 1, Request::IdentifyArm, Instant::ZERO);
-    assert_eq!(transmit(&mut bridge, &mut [0; 6], Instant::ZERO), None);
-    let burst = transmit(&mut bridge, &mut [0; MAX_FRAME], Instant::ZERO);
-    assert_eq!(burst, Some(Burst { len: 7, start: None }));
 }
 
 fn identity(count: Option<u8>) -> ArmIdentity {

@@ -191,22 +191,20 @@ fn bytes_on_the_line_stay_unchanged() {
         assert!(transmit(&mut bridge, &mut out, at(0)).is_some());
     }
     send_request(&mut bridge, 1, Request::IdentifyArm, at(199_990));
-    assert!(bridge.uart_transmit(&mut out, at(199_995)).is_some());
+    assert!(transmit(&mut bridge, &mut out, at(199_995)).is_some());
     assert_eq!(out[1], 0x01);
     // The host is silent while the adapter's own request goes out.
     bridge.tick(at(200_000));
-    bridge.uart_transmitted(at(200_001));
     assert!(bridge.update(at(200_001)).is_armed);
     // The arm does not answer the identification; then torque-off follows.
     let silent = loop {
         let now = bridge.timeout().unwrap();
         bridge.tick(now);
-        if bridge.uart_transmit(&mut out, now).is_some() {
+        if transmit(&mut bridge, &mut out, now).is_some() {
             break now;
         }
     };
     assert_eq!(out[..7], ling(0x05, 0, &[0])[..]);
-    bridge.uart_transmitted(silent);
     assert!(!bridge.update(silent).is_armed);
     assert!(matches!(
         messages(&mut bridge, silent.as_micros())[..],
@@ -230,6 +228,17 @@ fn frames_of_two_packets_are_published() {
         assert_eq!(bridge.counters().dropped_events, 0);
     }
     assert_eq!(messages(&mut bridge, 200).len(), frames);
+}
+
+#[test]
+fn all_frames_of_a_long_read_are_published() {
+    let mut bridge = adapter(Config::default());
+    send_request(&mut bridge, 1, FRAMES, at(0));
+    messages(&mut bridge, 0);
+    let frame = ling(0x77, 0, &[]);
+    assert_eq!(bridge.uart_received(&frame.repeat(30), at(100)), 30);
+    assert_eq!(messages(&mut bridge, 100).len(), 30);
+    assert_eq!(bridge.counters().dropped_events, 0);
 }
 
 #[test]

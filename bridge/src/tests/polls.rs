@@ -7,7 +7,7 @@ use std::vec::Vec;
 
 use super::rig::{Rig, at, ling, ling_responder, transmit};
 use crate::config::{Config, Poll};
-use crate::control::{Identity, Initiator, Reply, Request};
+use crate::control::{Identity, Initiator, MAX_FRAME, Reply, Request};
 use crate::{Bridge, Duration, Instant, POLL_LEAD_TIME, Start, UsbEvent};
 
 fn polling(poll: Poll) -> Rig {
@@ -164,7 +164,7 @@ fn poll_requested_at_its_slot_is_not_late() {
         };
         let mut bridge = Bridge::new(Identity::default(), config, Start::default());
         bridge.tick(at(500));
-        let burst = transmit(&mut bridge, &mut [0; 256], at(now)).unwrap();
+        let burst = transmit(&mut bridge, &mut [0; MAX_FRAME], at(now)).unwrap();
         assert_eq!(
             (burst.start, bridge.counters().late_polls),
             (start, late),

@@ -216,10 +216,10 @@ impl Rig {
                 self.tx_free = self.tx_free.min(now.as_micros() + self.uart.coding.micros(2));
             }
             if self.tx_free <= now.as_micros() {
-                let mut out = [0; 70];
+                let mut out = [0; MAX_FRAME];
                 let due = self.bridge.update(now).uart;
                 let before = self.bridge.counters();
-                let transmit = self.bridge.uart_transmit(&mut out, now);
+                let transmit = self.bridge.uart_transmit(&mut out, now, |_, _| {});
                 assert_eq!(transmit.is_some(), due);
                 match transmit {
                     None => {}
@@ -229,7 +229,6 @@ impl Rig {
                         idle = false;
                     }
                     Some(Transmit::Burst { len, start }) => {
-                        self.bridge.uart_transmitted(now);
                         let start = start.map_or(now.as_micros(), Instant::as_micros);
                         assert!(start >= now.as_micros());
                         self.tx_free = start + self.uart.coding.micros(len);
@@ -421,13 +420,10 @@ pub(super) fn streaming_on_can_into_a_self_check(config: Config) -> Rig {
 }
 
 /// Takes the next bytes for the arm.
-pub(super) fn transmit(bridge: &mut Bridge, out: &mut [u8], now: Instant) -> Option<Burst> {
-    match bridge.uart_transmit(out, now)? {
+pub(super) fn transmit(bridge: &mut Bridge, out: &mut [u8; MAX_FRAME], now: Instant) -> Option<Burst> {
+    match bridge.uart_transmit(out, now, |_, _| {})? {
         Transmit::Configure(_) => None,
-        Transmit::Burst { len, start } => {
-            bridge.uart_transmitted(now);
-            Some(Burst { len, start })
-        }
+        Transmit::Burst { len, start } => Some(Burst { len, start }),
     }
 }
 

@@ -102,9 +102,9 @@ fn timeout_of_delayed_host_starts_with_room() {
     }
     assert!(!bridge.update(Instant::ZERO).usb_room);
     let room = Instant::from_millis(400);
-    // The first bytes of the next move.
-    let burst = transmit(&mut bridge, &mut [0; 10], room).unwrap();
-    assert_eq!(burst.len, 10);
+    // The next moves, the last of them in part.
+    let burst = transmit(&mut bridge, &mut [0; MAX_FRAME], room).unwrap();
+    assert_eq!(burst.len, MAX_FRAME);
     assert!(bridge.update(Instant::ZERO).usb_room);
     let silent = room + Duration::from_millis(500);
     bridge.tick(silent - Duration::from_micros(1));

@@ -31,15 +31,12 @@ impl Sender {
         if self.is_busy() {
             return false;
         }
-        let Some(poll) = bridge.uart_ahead() else {
-            return false;
-        };
-        let at = now();
-        send(poll, None);
-        // It returns the bytes that are already going out.
-        bridge.uart_transmit(&mut self.burst, at);
-        bridge.uart_transmitted(at);
-        true
+        let sent = bridge.uart_transmit_ahead(&mut self.burst, |poll| {
+            let at = now();
+            send(poll, None);
+            at
+        });
+        sent.is_some()
     }
 
     /// Starts the bridge's next burst or change of the line, if the UART is ready for it. Returns true if it did.
@@ -49,13 +46,8 @@ impl Sender {
         if self.is_busy() {
             return false;
         }
-        let at = now();
-        match bridge.uart_transmit(&mut self.burst, at) {
-            Some(Transmit::Burst { len, start }) => {
-                send(&self.burst[..len], start);
-                bridge.uart_transmitted(at);
-                true
-            }
+        match bridge.uart_transmit(&mut self.burst, now(), send) {
+            Some(Transmit::Burst { .. }) => true,
             Some(Transmit::Configure(wanted)) => {
                 self.is_changing = true;
                 STATE.tx.change.signal(wanted);

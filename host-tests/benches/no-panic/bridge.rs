@@ -4,7 +4,7 @@ use core::hint::black_box;
 
 use armwire_bridge::can::{Frame, Id};
 use armwire_bridge::config::Config;
-use armwire_bridge::control::Identity;
+use armwire_bridge::control::{Identity, MAX_FRAME};
 use armwire_bridge::start::{Cause, StartLog};
 use armwire_bridge::store::Saved;
 use armwire_bridge::{Bridge, CanEvent, Counters, Instant, LineCoding, PACKET, RxRing, Start, UartEvent, UsbEvent};
@@ -32,9 +32,17 @@ pub(crate) fn call_all() {
     black_box(black_box(&mut *bridge).uart_received(bytes(&mut [0; 300]), now));
     black_box(black_box(&mut *bridge).uart_event(black_box(UartEvent::Idle), now));
     black_box(black_box(&mut *bridge).has_delivery());
-    black_box(black_box(&mut *bridge).uart_transmit(bytes(&mut [0; 300]), now));
-    black_box(black_box(&*bridge).uart_ahead());
-    black_box(&mut *bridge).uart_transmitted(now);
+    black_box(
+        black_box(&mut *bridge).uart_transmit(&mut [0; MAX_FRAME], now, |bytes, start| {
+            black_box((bytes, start));
+        }),
+    );
+    black_box(
+        black_box(&mut *bridge).uart_transmit_ahead(&mut [0; MAX_FRAME], |bytes| {
+            black_box(bytes);
+            now
+        }),
+    );
     black_box(black_box(black_box(&mut *bridge).rx_threshold()).is_met(black_box(7), black_box(0xFF)));
     rx_ring(bridge, now);
 

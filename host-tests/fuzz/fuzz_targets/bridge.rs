@@ -3,7 +3,6 @@
 #![no_main]
 
 use armwire_bridge::UsbEvent;
-use armwire_bridge::control::MAX_FRAME;
 use armwire_fuzz::adapter::{World, any_arm_bytes, any_arm_request, any_move_request};
 use armwire_fuzz::{Result, Unstructured, any_good_config};
 use libfuzzer_sys::fuzz_target;
@@ -46,7 +45,7 @@ fn step(world: &mut World, u: &mut Unstructured<'_>) -> Result<()> {
             let request = any_move_request(u)?;
             for _ in 0..3 {
                 world.usb_sends(&request);
-                world.uart_transmits(MAX_FRAME);
+                world.uart_transmits();
             }
         }
         10 => {
@@ -63,7 +62,7 @@ fn step(world: &mut World, u: &mut Unstructured<'_>) -> Result<()> {
         14 => world.arm_answers(u.arbitrary()?),
         15 => world.line_idles(),
         16 => world.uart_errors(u.arbitrary()?),
-        17 => _ = world.uart_transmits(u.arbitrary::<u8>()?.into()),
+        17 => _ = world.uart_transmits(),
         // Hosts on CAN.
         18 => world.can_sends(u.arbitrary()?),
         19 => world.can_sends(&any_arm_request(u, world.arm_kind())?),

@@ -6,8 +6,8 @@ use core::fmt::Debug;
 
 use armwire_bridge::config::{Can, Config, ConfigError};
 use armwire_bridge::control::{
-    Failure, FromAdapter, FromHost, Identity, MAX_COBS, MAX_MESSAGE, Malformed, Message, Reason, Reply, Request,
-    decode, encode, encode_cobs,
+    Failure, FromAdapter, FromHost, Identity, MAX_COBS, MAX_FRAME, MAX_MESSAGE, Malformed, Message, Reason, Reply,
+    Request, decode, encode, encode_cobs,
 };
 use armwire_bridge::store::Saved;
 use armwire_bridge::{Action, Bridge, PACKET, Start, Transmit, UartEvent, UsbEvent};
@@ -120,12 +120,9 @@ impl Host {
     fn wait(&mut self, until: Instant) {
         self.now = self.now.max(until);
         self.bridge.tick(self.now);
-        match self.bridge.uart_transmit(&mut [0; 80], self.now) {
-            Some(Transmit::Burst { .. }) => self.bridge.uart_transmitted(self.now),
-            Some(Transmit::Configure(uart)) => {
-                self.bridge.uart_event(UartEvent::Configured(uart), self.now);
-            }
-            None => {}
+        let transmit = self.bridge.uart_transmit(&mut [0; MAX_FRAME], self.now, |_, _| {});
+        if let Some(Transmit::Configure(uart)) = transmit {
+            self.bridge.uart_event(UartEvent::Configured(uart), self.now);
         }
     }
 

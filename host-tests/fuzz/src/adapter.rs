@@ -265,16 +265,16 @@ impl World {
         );
     }
 
-    /// The UART transmits a burst of at most `room` bytes, or changes its settings. Returns true if it did either.
-    pub fn uart_transmits(&mut self, room: usize) -> bool {
+    /// The UART transmits a burst, or changes its settings. Returns true if it did either.
+    pub fn uart_transmits(&mut self) -> bool {
         let before = self.bridge.counters();
-        let mut out = vec![0; room];
+        let mut out = [0; MAX_FRAME];
         // Due events are handled by a tick, and also by a request for bytes.
         self.tick();
         let due = self.status().uart;
-        let (len, start) = match self.bridge.uart_transmit(&mut out, self.now) {
+        let (len, start) = match self.bridge.uart_transmit(&mut out, self.now, |_, _| {}) {
             None => {
-                assert!(room < MAX_FRAME || !due, "pending bytes are not sent");
+                assert!(!due, "pending bytes are not sent");
                 return false;
             }
             Some(Transmit::Configure(uart)) => {
@@ -284,15 +284,14 @@ impl World {
             }
             Some(Transmit::Burst { len, start }) => (len, start),
         };
-        self.bridge.uart_transmitted(self.now);
-        assert!(due && (1..=room).contains(&len));
+        assert!(due && (1..=MAX_FRAME).contains(&len));
         if let Some(start) = start {
             assert!(self.now < start && start <= self.now + armwire_bridge::POLL_LEAD_TIME);
         }
-        out.truncate(len);
+        let sent = &out[..len];
         let initiator = initiator(&before, &self.bridge.counters());
-        self.accounts.on_sent(initiator, &out, self.arm_kind());
-        self.last = out;
+        self.accounts.on_sent(initiator, sent, self.arm_kind());
+        self.last = sent.to_vec();
         true
     }
 
@@ -521,7 +520,7 @@ impl World {
             self.stop_polls();
             self.usb_reads_all();
             let mut moved = false;
-            while self.uart_transmits(MAX_FRAME) {
+            while self.uart_transmits() {
                 (moved, end) = (true, end.max(self.now + HOLD));
             }
             for _ in 0..100 {

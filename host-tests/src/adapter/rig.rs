@@ -289,10 +289,7 @@ impl Rig {
         }
         let before = self.bridge.counters();
         let mut out = [0; MAX_FRAME];
-        let transmit = self.bridge.uart_transmit(&mut out, now);
-        if let Some(Transmit::Burst { .. }) = transmit {
-            self.bridge.uart_transmitted(now);
-        }
+        let transmit = self.bridge.uart_transmit(&mut out, now, |_, _| {});
         self.poll_control();
         let (len, start) = match transmit {
             None => return false,
@@ -622,13 +619,11 @@ impl Rig {
         };
         self.bridge = Bridge::new(self.identity.clone(), Config::default(), start);
         let mut line: Vec<u8> = Vec::new();
-        let mut out = [0; MAX_FRAME];
-        while let Some(transmit) = self.bridge.uart_transmit(&mut out, Instant::ZERO) {
-            let Transmit::Burst { len, .. } = transmit else {
+        let mut send = |bytes: &[u8], _| line.extend(bytes);
+        while let Some(transmit) = self.bridge.uart_transmit(&mut [0; MAX_FRAME], Instant::ZERO, &mut send) {
+            let Transmit::Burst { .. } = transmit else {
                 panic!("the line is not the arm's: {transmit:?}");
             };
-            self.bridge.uart_transmitted(Instant::ZERO);
-            line.extend(&out[..len]);
         }
         let expected = if is_armed {
             [&[0; Ling::LONGEST][..], &super::oracle::TORQUE_OFF].concat()

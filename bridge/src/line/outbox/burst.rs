@@ -7,11 +7,11 @@ use crate::arm::Info;
 use crate::control::Initiator;
 use crate::line_coding::UartConfig;
 
-/// The UART's next step.
+/// What the UART does next.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Transmit {
-    /// Send bytes, then report it by [`uart_transmitted`](crate::Bridge::uart_transmitted).
+    /// It sends bytes.
     Burst {
         /// The number of bytes, at least 1.
         len: usize,
@@ -23,8 +23,8 @@ pub enum Transmit {
     Configure(UartConfig),
 }
 
-/// A burst that was handed to the UART.
-#[derive(Clone, Copy)]
+/// A burst for the UART, to be accounted for when it goes out.
+#[must_use]
 pub(crate) struct Burst {
     pub(crate) initiator: Initiator,
     pub(crate) len: usize,
@@ -42,7 +42,6 @@ pub(crate) enum BurstKind {
     Host,
     Request,
     TorqueOn,
-    TorqueOff,
     /// A stop holds the arm.
     Hold,
     /// A stop reads the joints.

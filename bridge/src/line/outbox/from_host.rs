@@ -234,11 +234,11 @@ impl FromHost {
         self.is_raw = false;
     }
 
-    /// Drops the bytes after the first `len` and returns their number.
-    pub(crate) fn truncate(&mut self, len: usize) -> usize {
-        let before = self.bytes.len();
-        self.bytes.truncate(len);
-        before.saturating_sub(len)
+    /// Drops all bytes and returns their number.
+    pub(crate) fn clear(&mut self) -> usize {
+        let dropped = self.bytes.len();
+        self.bytes.clear();
+        dropped
     }
 
     /// The time at which the host loses its turn to others that wait `since` then. The arm last sent a byte at

@@ -20,14 +20,13 @@ use super::guard::Guard;
 use super::journal::Journal;
 use super::wire::{PACKET, Wire};
 use arbiter::Arbiter;
-use burst::Burst;
 use from_host::FromHost;
 use gate::Gate;
 use poll::Poll;
 use requests::{Identification, Request, Requests, StopRequest};
 
-pub(super) use burst::BurstKind;
 pub use burst::Transmit;
+pub(super) use burst::{Burst, BurstKind};
 pub use from_host::TO_ARM_BUFFER;
 pub use poll::POLL_LEAD_TIME;
 
@@ -55,8 +54,6 @@ pub(crate) struct Outbox {
     command_timeout: Duration,
     poll: Poll,
     arbiter: Arbiter,
-    /// The last burst handed to the UART, until it is accounted for.
-    burst: Option<Burst>,
     /// The start of the last burst, or the end of the last exchange.
     last_sent: Instant,
 }
@@ -70,7 +67,6 @@ impl Outbox {
             command_timeout: command_timeout(config),
             poll: Poll::new(config.poll, POLL_LEAD_TIME),
             arbiter: Arbiter::new(),
-            burst: None,
             last_sent: Instant::ZERO,
         }
     }
@@ -155,18 +151,13 @@ impl Outbox {
         self.from_host.cut();
     }
 
-    /// Drops all bytes of the host that were not handed to the UART, and returns their number. Torque-off or a stop needs
+    /// Drops all bytes of the host, and returns their number. Torque-off or a stop needs
     /// the line.
     pub(super) fn drop_host(&mut self) -> usize {
-        let dropped = self.drop_host_bytes().saturating_add(self.gate.clear());
+        let dropped = self.from_host.clear().saturating_add(self.gate.clear());
         self.from_host.forget_turn();
         self.from_host.set_cut(true);
         dropped
-    }
-
-    fn drop_host_bytes(&mut self) -> usize {
-        let handed_over = self.burst.filter(|burst| burst.initiator == Initiator::Usb);
-        self.from_host.truncate(handed_over.map_or(0, |burst| burst.len))
     }
 
     // ---- Requests of all others ----
@@ -252,7 +243,7 @@ impl Outbox {
         match initiator {
             Initiator::Usb => {
                 self.from_host.cut();
-                self.drop_host_bytes()
+                self.from_host.clear()
             }
             Initiator::Can => {
                 let dropped = self.requests.can_bytes();
@@ -292,15 +283,9 @@ impl Outbox {
         self.from_host.set_cut(true);
     }
 
-    /// Returns true if torque-off was not handed to the UART.
+    /// Returns true if torque-off waits.
     pub(super) const fn is_torque_off_due(&self) -> bool {
         self.requests.torque_off.is_some()
-    }
-
-    /// Returns true if torque-off waits, or was handed to the UART and is not accounted for.
-    pub(super) fn is_torque_off_waiting(&self) -> bool {
-        let is_handed_over = self.burst.is_some_and(|burst| burst.kind == BurstKind::TorqueOff);
-        self.requests.torque_off.is_some() || is_handed_over
     }
 
     /// Refuses all motion that waits. The bytes of the host on USB pass the gate from here on.
@@ -384,7 +369,6 @@ impl Outbox {
             && !self.from_host.is_in_sequence()
             && !self.from_host.is_cut()
             && self.requests.is_empty()
-            && self.burst.is_none()
     }
 
     /// The time of the next poll.

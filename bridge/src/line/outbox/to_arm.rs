@@ -30,13 +30,16 @@ impl HostRequest<'_> {
 
 impl Outbox {
     /// Copies the next burst to the front of `out`. `None` if nothing is due now.
-    pub(in crate::line) fn next_burst(&mut self, line: View<'_>, out: &mut [u8], now: Instant) -> Option<Burst> {
+    pub(in crate::line) fn next_burst(
+        &mut self,
+        line: View<'_>,
+        out: &mut [u8; MAX_FRAME],
+        now: Instant,
+    ) -> Option<Burst> {
         let initiator = self.next(line, now)?;
         let burst = if initiator == Initiator::Usb {
             let len = self.copy_host_bytes(line, out, now);
             Burst::of_bytes(initiator, BurstKind::Host, len)
-        } else if out.len() < MAX_FRAME {
-            return None;
         } else if self.from_host.is_cut() {
             // No frame ends with zeros. Without them, an arm that waits for the rest of a frame would take the next
             // request for it.
@@ -46,8 +49,7 @@ impl Outbox {
         } else {
             self.take_request(line.kind, initiator, out, now)?
         };
-        self.burst = Some(burst).filter(|burst| burst.len > 0);
-        self.burst
+        Some(burst).filter(|burst| burst.len > 0)
     }
 
     /// Copies bytes of the host on USB, and returns their number.
@@ -112,7 +114,7 @@ impl Outbox {
                 (since, BurstKind::Request)
             }
             Initiator::Adapter => match requests.torque_off.take() {
-                Some(since) => (Some(since), BurstKind::TorqueOff),
+                Some(since) => (Some(since), BurstKind::Request),
                 None => match requests.stop.take() {
                     Some(StopRequest::Hold(hold)) => (Some(hold.since), BurstKind::Hold),
                     Some(StopRequest::Reading(since)) => (Some(since), BurstKind::Reading),
@@ -122,10 +124,9 @@ impl Outbox {
         }
     }
 
-    /// The UART has been sending the last [burst](Self::next_burst) since `now`: accounts for it, apart from the
-    /// [bytes](Self::host_sent) of the host on USB. `None` if it was accounted for.
-    pub(in crate::line) fn transmitted(&mut self, now: Instant, journal: &mut Journal) -> Option<Burst> {
-        let burst = self.burst.take()?;
+    /// Accounts for a burst that the UART has been sending since `now`, apart from the [bytes](Self::host_sent) of the host
+    /// on USB.
+    pub(in crate::line) fn transmitted(&mut self, burst: &Burst, now: Instant, journal: &mut Journal) {
         count(&mut journal.counters.host_to_arm_bytes, burst.len);
         let began = burst.began(now);
         self.last_sent = began;
@@ -139,9 +140,8 @@ impl Outbox {
                 self.from_host.begin(now);
                 self.arbiter.taken(Initiator::Usb, false, now);
             }
-            _ => self.request_sent(&burst, began, now, journal),
+            _ => self.request_sent(burst, began, now, journal),
         }
-        Some(burst)
     }
 
     /// Accounts for a request of an initiator other than the host on USB.

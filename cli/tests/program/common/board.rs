@@ -10,7 +10,7 @@ use std::{fs, io};
 
 use armwire_bridge::can::Node;
 use armwire_bridge::config::{ArmKind, Can, Config, HostTimeout, Poll};
-use armwire_bridge::control::Identity;
+use armwire_bridge::control::{Identity, MAX_FRAME};
 use armwire_bridge::start::Recovery;
 use armwire_bridge::store::Saved;
 use armwire_bridge::{Action, Bridge, PACKET, Start, Transmit, UartEvent, UsbEvent, time};
@@ -176,18 +176,15 @@ impl Served {
 
     /// Exchanges bytes between the adapter and the arm.
     fn exchange(&mut self, now: time::Instant) {
-        let mut bytes = [0; 256];
-        while let Some(transmit) = self.bridge.uart_transmit(&mut bytes, now) {
-            match transmit {
-                Transmit::Burst { len, .. } => {
-                    self.bridge.uart_transmitted(now);
-                    for &byte in &bytes[..len] {
-                        self.arm.receive(now, byte);
-                    }
-                }
-                Transmit::Configure(uart) => {
-                    self.bridge.uart_event(UartEvent::Configured(uart), now);
-                }
+        let arm = &mut self.arm;
+        let mut send = |bytes: &[u8], _| {
+            for &byte in bytes {
+                arm.receive(now, byte);
+            }
+        };
+        while let Some(transmit) = self.bridge.uart_transmit(&mut [0; MAX_FRAME], now, &mut send) {
+            if let Transmit::Configure(uart) = transmit {
+                self.bridge.uart_event(UartEvent::Configured(uart), now);
             }
         }
         while let Some(byte) = self.arm.transmit(now) {
