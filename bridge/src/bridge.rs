@@ -10,7 +10,7 @@ use crate::counters::{CanErrors, Counters, UartErrors, count};
 use crate::earliest::Earliest;
 use crate::hosts::Hosts;
 use crate::line::deferred::Deferred;
-use crate::line::{Line, PACKET, RxThreshold, Transmit};
+use crate::line::{Line, PACKET, Transmit};
 use crate::line_coding::{LineCoding, UartConfig, UnsupportedCoding};
 use crate::rx_ring::RxWait;
 use crate::start::Start;
@@ -18,8 +18,8 @@ use armwire::time::{Duration, Instant};
 
 /// The adapter between hosts on USB and CAN and an arm's UART.
 ///
-/// After each call, [`update`](Self::update) reports the work that is due, and [`timeout`](Self::timeout) the time of
-/// the next [`tick`](Self::tick).
+/// Any call may make work due. [`update`](Self::update) returns all of it, and [`timeout`](Self::timeout) the time of the
+/// next [`tick`](Self::tick), whenever and as often as they are called.
 pub struct Bridge {
     pub(crate) line: Deferred,
     pub(crate) hosts: Hosts,
@@ -30,8 +30,7 @@ pub struct Bridge {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum UartEvent {
-    /// The line has been idle for one byte time: received bytes become due. Pass the bytes that arrived before to
-    /// [`uart_received`](Bridge::uart_received) first.
+    /// The line has been idle for one byte time after the [received](Bridge::uart_received) bytes: these become due.
     Idle,
     /// Receive errors. The bytes received with them are passed on unchanged.
     Errors(UartErrors),
@@ -212,38 +211,30 @@ impl Bridge {
         self.line.settled().has_delivery()
     }
 
-    /// The number of bytes to wait for on the UART: up to the end of the next frame, or a full packet.
+    /// The events that the receiver waits for after the bytes up to now, for [`RxRing::set`](crate::RxRing::set): the end
+    /// of the next frame, or a full packet.
     ///
     /// An interrupt handler that sees each byte needs to wake no task before that.
     ///
     /// ```
-    /// use armwire_bridge::time::Instant;
-    /// use armwire_bridge::{Bridge, RxThreshold};
-    ///
-    /// let mut bridge = Bridge::default();
-    /// let threshold = bridge.rx_threshold();
-    /// assert_eq!(threshold, RxThreshold { max: 64, min: 6, terminator: Some(0xFF) });
-    /// assert!(threshold.is_met(7, 0xFF) && !threshold.is_met(7, 0xFE));
-    /// bridge.uart_received(&[0xAA, 0x06, 0x00, 0x0F], Instant::ZERO);
-    /// assert_eq!(bridge.rx_threshold(), RxThreshold { max: 17, min: 17, terminator: None });
-    /// ```
-    pub fn rx_threshold(&mut self) -> RxThreshold {
-        self.line.settled().rx_threshold()
-    }
-
-    /// The events of the receiver for [`RxRing::set`](crate::RxRing::set).
-    ///
-    /// ```
-    /// use armwire_bridge::{Bridge, Instant, UsbEvent};
+    /// use armwire_bridge::{Bridge, Instant, RxThreshold, UsbEvent};
     ///
     /// let mut bridge = Bridge::default();
     /// bridge.usb_event(UsbEvent::Configured(true), Instant::ZERO);
+    /// let threshold = bridge.rx_wait().threshold;
+    /// assert_eq!(threshold, RxThreshold { max: 64, min: 6, terminator: Some(0xFF) });
+    /// assert!(threshold.is_met(7, 0xFF) && !threshold.is_met(7, 0xFE));
+    /// let frame = [0xAA, 0x05, 0x00, 0x01, 0x01, 0xF9, 0xFF];
+    /// bridge.uart_received(&frame[..4], Instant::from_micros(40));
+    /// assert_eq!(bridge.rx_wait().threshold, RxThreshold { max: 3, min: 3, terminator: None });
+    ///
     /// // After a whole frame an idle line changes nothing. Any other bytes wait for it.
-    /// bridge.uart_received(&[0xAA, 0x05, 0x00, 0x01, 0x01, 0xF9, 0xFF], Instant::from_micros(70));
+    /// bridge.uart_received(&frame[4..], Instant::from_micros(70));
     /// assert!(!bridge.rx_wait().idle);
     /// bridge.uart_received(b"stray bytes", Instant::from_micros(180));
     /// assert!(bridge.rx_wait().idle);
     /// ```
+    #[must_use = "the receiver waits for other events from now on"]
     pub fn rx_wait(&mut self) -> RxWait {
         let line = self.line.settled();
         RxWait {
@@ -276,6 +267,7 @@ impl Bridge {
     /// });
     /// assert_eq!(burst, Some(Transmit::Burst { len: 7, start: Some(slot) }));
     /// ```
+    #[must_use = "the UART may have to change its configuration"]
     pub fn uart_transmit(
         &mut self,
         out: &mut [u8; MAX_FRAME],
@@ -348,7 +340,8 @@ impl Bridge {
     }
 
     /// Moves the next packet for the serial port's host into `packet` and returns its length, 0 for a zero-length
-    /// packet. `None` if none is due. Send it before the next call.
+    /// packet. `None` if none is due. [`UsbEvent::Lost`] counts a packet that could not be sent.
+    #[must_use = "the packet has left the queue"]
     pub fn usb_transmit(&mut self, packet: &mut [u8; PACKET]) -> Option<usize> {
         self.usb_transmit_with(|next| match packet.get_mut(..next.len()) {
             Some(packet) => {
@@ -441,6 +434,7 @@ impl Bridge {
     /// Moves the next packet of the control interface into `packet` and returns its length, 0 for a zero-length packet.
     /// `None` if none is due, or after one step towards it. More steps follow while [`Status::control`] is true; other
     /// tasks may run in between.
+    #[must_use = "the packet has left the queue"]
     pub fn control_transmit(&mut self, packet: &mut [u8; PACKET], now: Instant) -> Option<usize> {
         self.hosts.packet(packet, self.line.settled(), now)
     }
@@ -454,8 +448,9 @@ impl Bridge {
 
     /// The next frame for the bus, the most urgent first. `None` if none is due.
     ///
-    /// Hand it to the controller at once, and call this only when the controller has room: a frame that waits here can
-    /// still be overtaken by a more urgent one. Report its transmission by [`CanEvent::Waiting`].
+    /// It is for a controller with room: until then a more urgent frame may overtake it here. [`CanEvent::Waiting`] reports
+    /// its transmission.
+    #[must_use = "the frame has left the queue"]
     pub fn can_transmit(&mut self, now: Instant) -> Option<Frame> {
         self.hosts.can_transmit(self.line.settled(), now)
     }
@@ -516,6 +511,7 @@ impl Bridge {
     }
 
     /// The next action for firmware, returned once.
+    #[must_use = "a host waits for the action"]
     pub fn action(&mut self, now: Instant) -> Option<Action> {
         self.hosts.action(self.line.settled(), now)
     }

@@ -71,7 +71,7 @@
 //! // … and the arm answers. Before the end of the frame is in, nothing is sent; then all of it is, at once.
 //! let answer = [0xAA, 0x05, 0x00, 0x01, 0x01, 0xF9, 0xFF];
 //! bridge.uart_received(&answer[..5], Instant::from_micros(350));
-//! assert_eq!(bridge.rx_threshold().max, 2);
+//! assert_eq!(bridge.rx_wait().threshold.max, 2);
 //! let mut packet = [0; PACKET];
 //! assert_eq!(bridge.usb_transmit(&mut packet), None);
 //!

@@ -173,16 +173,20 @@ impl StartLog {
         }
     }
 
-    /// Records that the configuration in flash is about to be read. The record must be stored. Has no effect in recovery.
-    pub fn loading(&mut self) {
+    /// Records that the configuration in flash is about to be read. Returns the words to store before. Has no effect in
+    /// recovery.
+    #[must_use = "the record is to be stored"]
+    pub fn loading(&mut self) -> [u32; Self::WORDS] {
         if self.stage == Stage::Starting {
             self.stage = Stage::Loading;
         }
+        self.to_words()
     }
 
     /// Records that this configuration is in force `uptime` after the start. Call it as soon as the configuration is
-    /// known, and at least every second. Returns true if the record has changed and must be stored.
-    pub fn running(&mut self, uptime: Instant, config: &Config) -> bool {
+    /// known, and at least every second. Returns the words to store, if they have changed.
+    #[must_use = "the record is to be stored"]
+    pub fn running(&mut self, uptime: Instant, config: &Config) -> Option<[u32; Self::WORDS]> {
         let before = *self;
         self.stage = match self.stage {
             Stage::Steady => Stage::Steady,
@@ -190,7 +194,7 @@ impl StartLog {
             _ => Stage::Running,
         };
         self.kept = Some((config.arm, config.host_timeout));
-        *self != before
+        (*self != before).then(|| self.to_words())
     }
 
     /// The words of the record.
@@ -286,12 +290,12 @@ mod tests {
 
     /// The next start, after a run of this many milliseconds. `None` crashes in the load.
     fn next(mut log: StartLog, run_ms: Option<u64>, cause: Cause) -> StartLog {
-        log.loading();
-        if let Some(run_ms) = run_ms {
-            log.running(Instant::ZERO, &torque_off(ArmKind::Alpha1));
-            log.running(Instant::from_millis(run_ms), &torque_off(ArmKind::Alpha1));
+        let mut words = log.loading();
+        for run_ms in run_ms.into_iter().flat_map(|run_ms| [0, run_ms]) {
+            let changed = log.running(Instant::from_millis(run_ms), &torque_off(ArmKind::Alpha1));
+            words = changed.unwrap_or(words);
         }
-        StartLog::begin(log.to_words(), cause)
+        StartLog::begin(words, cause)
     }
 
     #[test]
@@ -368,9 +372,10 @@ mod tests {
     fn recovery_keeps_arm_and_host_timeout() {
         for arm in ArmKind::ALL {
             let mut log = power_on();
-            log.running(Instant::from_millis(20_000), &torque_off(arm));
+            let mut words = log.running(Instant::from_millis(20_000), &torque_off(arm)).unwrap();
             for _ in 0..4 {
-                log = StartLog::begin(log.to_words(), Cause::Watchdog);
+                log = StartLog::begin(words, Cause::Watchdog);
+                words = log.to_words();
             }
             assert!(log.recovery().is_some());
             assert_eq!(log.config(), torque_off(arm));
@@ -438,11 +443,18 @@ mod tests {
     fn record_is_stored_when_it_changes() {
         let mut log = power_on();
         let config = Config::default();
-        assert!(log.running(Instant::ZERO, &config));
-        assert!(!log.running(Instant::from_millis(9_999), &config));
-        assert!(log.running(Instant::from_millis(9_999), &torque_off(ArmKind::Raw)));
-        assert!(log.running(Instant::from_millis(10_000), &torque_off(ArmKind::Raw)));
-        assert!(!log.running(Instant::from_millis(20_000), &torque_off(ArmKind::Raw)));
+        let mut is_stored = |ms, config: Config| match log.running(Instant::from_millis(ms), &config) {
+            Some(words) => {
+                assert_eq!(words, log.to_words());
+                true
+            }
+            None => false,
+        };
+        assert!(is_stored(0, config));
+        assert!(!is_stored(9_999, config));
+        assert!(is_stored(9_999, torque_off(ArmKind::Raw)));
+        assert!(is_stored(10_000, torque_off(ArmKind::Raw)));
+        assert!(!is_stored(20_000, torque_off(ArmKind::Raw)));
     }
 
     #[test]

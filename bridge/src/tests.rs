@@ -416,7 +416,7 @@ const fn any_frame(most: usize) -> RxThreshold {
 fn threshold_covers_rest_of_a_started_frame() {
     let mut bridge = open();
     let frame = frame(&[9; 15]);
-    assert_eq!(bridge.rx_threshold(), any_frame(PACKET));
+    assert_eq!(bridge.rx_wait().threshold, any_frame(PACKET));
     for (at, missing) in [(1, 5), (6, 15), (6, 15), (20, 1)] {
         let from = bridge.counters().arm_to_host_bytes as usize;
         bridge.uart_received(&frame[from..at], NOW);
@@ -425,21 +425,21 @@ fn threshold_covers_rest_of_a_started_frame() {
             min: missing,
             terminator: None,
         };
-        assert_eq!(bridge.rx_threshold(), need);
+        assert_eq!(bridge.rx_wait().threshold, need);
         assert!(need.is_met(missing, 0) && !need.is_met(missing - 1, 0xFF));
     }
     bridge.uart_received(&frame[20..], NOW);
     // The host has not fetched the 21 bytes.
-    assert_eq!(bridge.rx_threshold(), any_frame(PACKET - 21));
+    assert_eq!(bridge.rx_wait().threshold, any_frame(PACKET - 21));
 }
 
 #[test]
 fn threshold_covers_rest_of_a_nearly_full_packet() {
     let mut bridge = open();
     bridge.uart_received(&[0x11; 62], NOW);
-    assert_eq!(bridge.rx_threshold(), any_frame(2));
+    assert_eq!(bridge.rx_wait().threshold, any_frame(2));
     bridge.uart_received(&[0x11; 3], NOW);
-    assert_eq!(bridge.rx_threshold(), any_frame(PACKET));
+    assert_eq!(bridge.rx_wait().threshold, any_frame(PACKET));
 }
 
 #[test]
@@ -451,9 +451,9 @@ fn slow_line_state_stays_fresh_while_bytes_arrive() {
             ..LineCoding::LING
         };
         bridge.uart_event(UartEvent::Configured(line(coding.to_cdc())), NOW);
-        assert_eq!(bridge.rx_threshold(), any_frame(most));
+        assert_eq!(bridge.rx_wait().threshold, any_frame(most));
         bridge.uart_received(&frame(&[9; 15])[..6], NOW);
-        assert_eq!(bridge.rx_threshold().max, rest);
+        assert_eq!(bridge.rx_wait().threshold.max, rest);
     }
 }
 
@@ -461,7 +461,7 @@ fn slow_line_state_stays_fresh_while_bytes_arrive() {
 fn unread_host_costs_no_extra_polls() {
     let mut bridge = open();
     bridge.uart_received(&[0x11; 500], Instant::ZERO);
-    assert_eq!(bridge.rx_threshold(), any_frame(PACKET));
+    assert_eq!(bridge.rx_wait().threshold, any_frame(PACKET));
 }
 
 #[test]
@@ -563,7 +563,7 @@ proptest! {
             }
             let (now, later) = rest.split_at(n.min(rest.len()));
             bridge.uart_received(now, NOW);
-            prop_assert!(bridge.rx_threshold().max >= 1);
+            prop_assert!(bridge.rx_wait().threshold.max >= 1);
             if idle {
                 bridge.uart_event(UartEvent::Idle, NOW);
             }
@@ -596,7 +596,7 @@ proptest! {
         for (at, &byte) in bytes.iter().enumerate() {
             let due = eager.uart_received(&[byte], NOW) > 0;
             let unreported = &bytes[from..=at];
-            if lazy.rx_threshold().is_met(unreported.len(), byte) || unreported.len() > *late.next().unwrap() + 40 {
+            if lazy.rx_wait().threshold.is_met(unreported.len(), byte) || unreported.len() > *late.next().unwrap() + 40 {
                 prop_assert_eq!(lazy.uart_received(unreported, NOW) > 0, due, "at {}", at);
                 from = at + 1;
             } else {

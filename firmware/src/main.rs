@@ -61,13 +61,13 @@ async fn main(spawner: Spawner) {
     let (config, is_lost) = match starts.recovery() {
         Some(_) => (starts.config(), false),
         None => {
-            starts.loading();
-            restart::keep(&starts);
+            restart::keep(starts.loading());
             action::load(&mut store)
         }
     };
-    starts.running(Instant::ZERO, &config);
-    restart::keep(&starts);
+    if let Some(words) = starts.running(Instant::ZERO, &config) {
+        restart::keep(words);
+    }
     let start = starts.start(restart::was_armed(), is_lost);
     restart::log(&start);
     if starts.recovery().is_some() {

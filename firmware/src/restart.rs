@@ -38,13 +38,13 @@ pub(crate) fn begin(reset: ChipReset) -> StartLog {
         (ChipReset::Other, _) => Cause::Other,
     };
     let starts = StartLog::begin(STARTS.each_ref().map(|word| word.load(Ordering::Relaxed)), cause);
-    keep(&starts);
+    keep(starts.to_words());
     starts
 }
 
 /// Stores the record of starts.
-pub(crate) fn keep(starts: &StartLog) {
-    for (kept, word) in STARTS.iter().zip(starts.to_words()) {
+pub(crate) fn keep(words: [u32; StartLog::WORDS]) {
+    for (kept, word) in STARTS.iter().zip(words) {
         kept.store(word, Ordering::Relaxed);
     }
 }

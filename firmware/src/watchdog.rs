@@ -40,8 +40,8 @@ pub(crate) async fn feed(adapter: &'static Adapter, mut watchdog: Watchdog, mut 
             warning!("the watchdog is not fed: tasks make progress: {=bool}", progresses);
         }
         let config = adapter.take(|bridge| bridge.config());
-        if starts.running(now(), &config) {
-            restart::keep(&starts);
+        if let Some(words) = starts.running(now(), &config) {
+            restart::keep(words);
         }
         // The service must show that it runs.
         pend();

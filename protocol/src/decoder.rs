@@ -174,7 +174,7 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
 
     /// Copies in as many of `bytes` as fit and returns the rest.
     ///
-    /// Take all items, then push the rest, until it is empty.
+    /// The rest fits once all items were taken.
     #[must_use = "the bytes that did not fit are returned"]
     pub fn push<'b>(&mut self, bytes: &'b [u8]) -> &'b [u8] {
         // A byte behind the window needs no call of `memcpy`, and the window stays in its place.
@@ -193,7 +193,7 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
         later
     }
 
-    /// The line went idle: an incomplete frame will not be completed. Take the items afterwards.
+    /// The line went idle: an incomplete frame will not be completed, and is the next item.
     ///
     /// Call this for an idle line reported by the UART, never for a gap between USB packets. The line counts as idle
     /// until more bytes arrive. On a [`LOSSLESS`](Framing::LOSSLESS) line it has no effect.

@@ -306,7 +306,8 @@ impl<D: Correlation, I: Copy + Eq, const N: usize> Exchange<D, I, N> {
     }
 
     /// [Resolves](Self::expire) stale sends. Then makes the oldest pending send with a missing answer stale and returns
-    /// its initiator. Call it until it returns `None`.
+    /// its initiator. `None` once no answer is missing.
+    #[must_use = "more answers may be missing"]
     pub fn on_timeout(&mut self, now: Instant) -> Option<I> {
         self.expire(now);
         let missing = self.sends.iter_mut().find(|sent| !sent.stale && sent.due <= now)?;

@@ -194,7 +194,7 @@ fn all_frames_of_a_read_end_with_it() {
     for poll in [Poll::Off, Poll::Fastest] {
         let mut bridge = adapter(poll);
         bridge.tick(at(1_000));
-        bridge.uart_transmit(&mut [0; MAX_FRAME], at(1_000), |_, _| {});
+        call(&mut bridge, &Step::Transmit, 1_000);
         let unsolicited = ling(0x77, 1, &[0; 3]);
         let frames = [&unsolicited[..], &at_rest(), &unsolicited].concat();
         assert_eq!(bridge.uart_received(&frames, at(2_000)), 3);
@@ -211,7 +211,7 @@ fn all_frames_of_a_read_end_with_it() {
 fn unsolicited_frame_during_poll_is_due_at_once() {
     let mut bridge = adapter(Poll::Fastest);
     bridge.tick(at(1_000));
-    bridge.uart_transmit(&mut [0; MAX_FRAME], at(1_000), |_, _| {});
+    call(&mut bridge, &Step::Transmit, 1_000);
     let frame = ling(0x77, 1, &[0; 3]);
     bridge.uart_received(&frame, at(2_000));
     assert_eq!(ahead(&mut bridge, 2_000), None);

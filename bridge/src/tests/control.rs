@@ -568,7 +568,7 @@ fn frames_wait_for_slow_subscriber_without_loss() {
     }
     let mut packet = [0; PACKET];
     while bridge.update(Instant::ZERO).control {
-        bridge.control_transmit(&mut packet, Instant::ZERO);
+        let _ = bridge.control_transmit(&mut packet, Instant::ZERO);
     }
     assert_eq!(bridge.counters().dropped_events, 0);
 }

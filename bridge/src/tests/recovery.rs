@@ -172,9 +172,10 @@ fn flash_is_not_read_during_armed_stream() {
 /// The adapter after watchdog resets of runs with these settings in force.
 fn after_crashes(config: &Config) -> Bridge {
     let mut log = StartLog::begin([0; StartLog::WORDS], Cause::PowerOn);
-    log.running(at(0), config);
+    let mut words = log.running(at(0), config).unwrap();
     for _ in 0..MAX_CRASHED_STARTS {
-        log = StartLog::begin(log.to_words(), Cause::Watchdog);
+        log = StartLog::begin(words, Cause::Watchdog);
+        words = log.to_words();
     }
     let bridge = Bridge::new(Identity::default(), log.config(), log.start(false, false));
     assert!(bridge.can_config().is_none());

@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 
 use super::boot_loader::BootLoader;
 use super::rom_drive::{self, LABEL};
-use super::volumes::Volumes;
 use super::text::{as_word, progress};
+use super::volumes::Volumes;
 use crate::error::Error;
 use crate::output::print_error;
 use crate::status::StatusArg;

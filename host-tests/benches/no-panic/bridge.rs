@@ -16,7 +16,7 @@ pub(crate) fn call_all() {
 
     let mut starts = StartLog::begin(black_box([0; StartLog::WORDS]), black_box(Cause::Panic));
     black_box(starts.running(now, black_box(&Config::default())));
-    black_box(starts.to_words());
+    black_box((starts.loading(), starts.to_words()));
     black_box((starts.config(), starts.recovery(), starts.start(true, true)));
 
     let mut bridge = Bridge::new(
@@ -43,7 +43,7 @@ pub(crate) fn call_all() {
             now
         }),
     );
-    black_box(black_box(black_box(&mut *bridge).rx_threshold()).is_met(black_box(7), black_box(0xFF)));
+    black_box(black_box(black_box(&mut *bridge).rx_wait().threshold).is_met(black_box(7), black_box(0xFF)));
     rx_ring(bridge, now);
 
     black_box(black_box(&mut *bridge).set_line_coding(black_box([0; 7]), now).is_ok());

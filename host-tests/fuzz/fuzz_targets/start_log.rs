@@ -83,14 +83,16 @@ fn check(u: &mut Unstructured<'_>) -> Result<()> {
             (false, true) => Run::Loading,
             (false, false) => Run::Starting,
         };
+        // The words in memory.
+        let mut words = log.to_words();
         // In recovery it has no effect.
         if run != Run::Starting {
-            log.loading();
+            words = log.loading();
         }
         for _ in 0..u.int_in_range(0..=2)? {
             let (uptime, config) = (Instant::from_millis(u.arbitrary::<u16>()?.into()), any_good_config(u)?);
-            log.running(uptime, &config);
-            assert!(!log.running(uptime, &config), "nothing has changed");
+            words = log.running(uptime, &config).unwrap_or(words);
+            assert_eq!(log.running(uptime, &config), None, "nothing has changed");
             if run != Run::Steady {
                 let is_steady = uptime >= Instant::ZERO + STEADY_AFTER;
                 run = if is_steady { Run::Steady } else { Run::Running };
@@ -98,7 +100,6 @@ fn check(u: &mut Unstructured<'_>) -> Result<()> {
             model.kept = Some((config.arm, config.host_timeout));
         }
         let cause = *u.choose(&CAUSES)?;
-        let mut words = log.to_words();
         if u.ratio(1, 8)? {
             // One damaged word.
             let (nth, bits) = (u.choose_index(StartLog::WORDS)?, u.int_in_range(1..=u32::MAX)?);

@@ -209,7 +209,7 @@ impl World {
                 self.feed(|bridge, now| bridge.uart_received(chunk, now));
             }
         }
-        assert!(self.bridge.rx_threshold().max > 0);
+        assert!(self.bridge.rx_wait().threshold.max > 0);
     }
 
     /// The line goes idle.

@@ -133,8 +133,8 @@ impl FromHost {
         }
     }
 
-    /// Moves up to `len` of the sent bytes to the decoder, and returns their number. Take all [items](Self::next_span)
-    /// before the next call.
+    /// Moves up to `len` of the sent bytes to the decoder, as many as fit beside [items](Self::next_span) that were not
+    /// taken, and returns their number.
     pub(crate) fn sent(&mut self, len: usize, now: Instant) -> usize {
         if self.decoder.pending() == 0 {
             self.waited = now.since(self.oldest);

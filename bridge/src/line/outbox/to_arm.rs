@@ -170,8 +170,8 @@ impl Outbox {
             .taken(burst.initiator, is_poll && self.poll.is_urgent(), began);
     }
 
-    /// Moves up to `len` bytes of the host that went out from the queue, and returns their number. Take all
-    /// [requests](Self::next_host_request) before the next call.
+    /// Moves up to `len` bytes of the host that went out from the queue, as many as fit beside
+    /// [requests](Self::next_host_request) that were not taken, and returns their number.
     pub(in crate::line) fn host_sent(&mut self, len: usize, now: Instant) -> usize {
         self.from_host.sent(len, now)
     }

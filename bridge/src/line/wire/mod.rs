@@ -72,7 +72,7 @@ impl Wire {
         self.last_byte
     }
 
-    /// Takes as many bytes as fit, and returns the rest. Take all [frames](Self::next_frame) before the next call.
+    /// Takes as many bytes as fit, and returns the rest, which fits once the [frames](Self::next_frame) were taken.
     pub(super) fn push<'b>(&mut self, bytes: &'b [u8], journal: &mut Journal) -> &'b [u8] {
         let rest = self.decoder.push(bytes);
         self.pass(journal);
@@ -253,7 +253,7 @@ impl Wire {
         );
     }
 
-    /// The initiator of the next request whose answer is missing at `now`. Call it until it returns `None`.
+    /// The initiator of the next request whose answer is missing at `now`, each once.
     pub(super) fn next_missing(&mut self, now: Instant, journal: &mut Journal) -> Option<Initiator> {
         let initiator = self.exchange.on_timeout(now)?;
         count(&mut journal.counters.unanswered_requests, 1);
