@@ -42,7 +42,8 @@
 //! [`move_and_wait`](Ling::move_and_wait) moves. A stop is not an emergency stop: keep a switch in the arm's supply.
 //!
 //! A program that sends a move every few milliseconds takes a [`Stream`] of the arm, which waits for no answer.
-//! [`follow::Follow`], for teleoperation, and [`replay::Replay`] decide its moves: both are without I/O.
+//! [`follow::Follow`], for teleoperation, [`replay::Replay`] and [`trajectory::Trajectory`] decide its moves. They are
+//! sources of targets of one [`engine::Engine`], without I/O and without a clock.
 //!
 //! # The newest pose
 //!
@@ -83,9 +84,10 @@ pub use error::no_pose::NoPose;
 pub use error::outside::Outside;
 pub use error::received::Missing;
 pub use error::text::{Remedy, Text};
-pub use error::{Error, Silence, TorqueOffEffect};
-pub use motion::goal::{Deviation, Limits};
-pub use motion::{follow, replay};
+pub use error::{Error, SilentMotion, TorqueOffEffect};
+pub use motion::axes::{AXES, Axes, Off, Tolerance};
+pub use motion::goal::{Limits, Target, TrackingLimit, Way};
+pub use motion::{engine, follow, replay, trajectory};
 pub use ports::adapter::RECOVERY;
 pub use ports::available::{PortInfo, ports};
 pub use ports::control::{Adapter, ReservedLine};

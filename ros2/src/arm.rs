@@ -1,7 +1,7 @@
 //! One arm's thread: readings go out, trajectories and services come in, motion goes to the arm.
 
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use armwire::ling::effect::Effect;
 use armwire::ling::{JOINTS, JointState, Stroke};
@@ -9,16 +9,17 @@ use armwire::time;
 use armwire_bridge::config::{ArmKind, MAX_POLL_HZ, Poll};
 use armwire_bridge::control::{self, Event, Initiator, Subscription};
 use armwire_host::stamps::{self, Clock};
+use armwire_host::stopwatch::Stopwatch;
 use armwire_host::{Adapter, Error, Options, SilenceLimit, Stream, adapter};
 use ros2_client::RmwRequestId;
 
 use crate::clients::{Asked, Clients};
-use crate::joint_states::{Reading, to_move};
+use crate::joint_states::{Reading, Units};
 use crate::motion::{Abort, Motion, Output};
 use crate::node::Endpoints;
 use crate::options::Arm;
 use crate::services::{Action, Pending, refused};
-use crate::source::{Input, Source};
+use crate::source::{Input, Requests, Source};
 use crate::trajectory::{Joint, Refusal};
 
 /// Time between two attempts to open a port.
@@ -56,6 +57,7 @@ struct Session<'a, 'b> {
     clients: &'b mut Clients<'a>,
     stream: Stream,
     source: Source,
+    clock: Stopwatch,
     stroke: Stroke,
     joints: Vec<Joint>,
     /// Time between two readings.
@@ -100,18 +102,19 @@ impl<'a, 'b> Session<'a, 'b> {
             "{}, stamps of the {}",
             clients.arm.port, clients.diagnostics.stamps
         ));
+        let clock = Stopwatch::start();
+        let (now, micros) = (clock.now(), time::Duration::from_micros(period.as_micros() as u64));
+        let silence = SilenceLimit::FAIL.at(micros);
         Ok(Self {
             clients,
             stream: ling.into_stream(),
             source: match adapter {
                 Some(adapter) => Source::Adapter(adapter, Clock::default()),
-                None => Source::Arm {
-                    due: Instant::now(),
-                    period,
-                },
+                None => Source::Arm(Requests::new(now, micros)),
             },
+            clock,
             stroke,
-            motion: Motion::new(joints.clone(), JOINTS, latest.clone()),
+            motion: Motion::new(joints.clone(), JOINTS, Units(stroke), silence, now, latest.clone()),
             joints,
             period,
             latest,
@@ -127,7 +130,7 @@ impl<'a, 'b> Session<'a, 'b> {
             Ok(()) => Abort::NodeEnded,
             Err(failure) => Abort::ArmLost(failure.to_string()),
         });
-        while let Some(output) = self.motion.poll(Instant::now()) {
+        while let Some(output) = self.motion.poll(self.clock.now()) {
             if let Output::Ended(origin, end) = output {
                 self.clients.ended(origin, &end);
             }
@@ -144,12 +147,12 @@ impl<'a, 'b> Session<'a, 'b> {
     }
 
     fn serve(&mut self, stop: &AtomicBool) -> Result<(), Failure> {
-        let mut received = Instant::now();
+        let mut received = self.clock.now();
         let period = time::Duration::from_micros(self.period.as_micros() as u64);
-        let silence = Duration::from(SilenceLimit::PORT.at(period));
+        let silence = SilenceLimit::REOPEN.at(period);
         while !stop.load(Ordering::Relaxed) {
             let mut is_received = false;
-            for input in self.source.receive(&mut self.stream)? {
+            for input in self.source.receive(self.clock.now(), &mut self.stream)? {
                 match input {
                     Input::Reading(at, state) => {
                         self.publish(at, &state);
@@ -159,12 +162,10 @@ impl<'a, 'b> Session<'a, 'b> {
                 }
             }
             if is_received {
-                received = Instant::now();
-            } else if received.elapsed() >= silence {
-                return Err(Failure::Arm(format!(
-                    "no joints were received for {} ms",
-                    silence.as_millis()
-                )));
+                received = self.clock.now();
+            } else if self.clock.now().since(received) >= silence {
+                let millis = silence.as_micros() / 1_000;
+                return Err(Failure::Arm(format!("no joints were received for {millis} ms")));
             }
             self.take_trajectories();
             self.take_requests()?;
@@ -199,11 +200,10 @@ impl<'a, 'b> Session<'a, 'b> {
         };
         diagnostics.readings += 1;
         diagnostics.late += u64::from(reading.is_late_after(&self.latest, stamps::now(), self.period));
-        diagnostics.status = Some(reading.status);
+        diagnostics.status = Some(reading.state.status);
         self.clients.publish(&reading, &self.joints);
         self.latest = reading;
-        let now = Instant::now();
-        self.motion.on_reading(now, &self.latest);
+        self.motion.on_reading(self.clock.now(), &self.latest);
         for pending in &mut self.pending {
             pending.on_joints(at, state);
         }
@@ -217,7 +217,7 @@ impl<'a, 'b> Session<'a, 'b> {
                     let mut pending = self.pending.iter();
                     let accepted = match pending.any(|pending| pending.effect().drops_arm()) {
                         true => Err(Refusal::TorqueOff),
-                        false => self.motion.accept(Instant::now(), stamps::now(), order),
+                        false => self.motion.accept(self.clock.now(), stamps::now(), order),
                     };
                     self.clients.answer(&reply, accepted);
                 }
@@ -264,12 +264,11 @@ impl<'a, 'b> Session<'a, 'b> {
 
     /// Does what the motion demands.
     fn step(&mut self) -> Result<(), Failure> {
-        while let Some(output) = self.motion.poll(Instant::now()) {
+        while let Some(output) = self.motion.poll(self.clock.now()) {
             match output {
-                Output::Move(setpoint) => {
-                    let request = to_move(&setpoint, self.stroke).map_err(|error| Failure::Arm(error.to_string()))?;
+                Output::Move(target) => {
                     self.is_streaming = true;
-                    match self.stream.move_to(&request) {
+                    match self.stream.move_to(&target) {
                         Err(Error::TorqueOff { .. }) => self.motion.abort(&Abort::TorqueLost),
                         sent => sent?,
                     }

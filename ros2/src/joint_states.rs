@@ -1,18 +1,17 @@
-//! Conversion between a Ling arm's ticks and per mille and radians and metres.
+//! The units of ROS and of a Ling arm: radians and metres, ticks and thousandths of the gripper's stroke.
 
+use std::f64::consts::TAU;
 use std::time::Duration;
 
 use armwire::OutOfRange;
-use armwire::ling::{self, GripperSpeed, JOINTS, MotionStatus, Move, Opening, Position, Speed, Stroke};
+use armwire::ling::{self, JOINTS, Position, Speed, Stroke, TICKS_PER_TURN};
+use armwire_host::{AXES, Axes, Tolerance};
 
 use crate::messages::{Header, JointState, Time};
-use crate::trajectory::{Joint, Setpoint};
+use crate::trajectory::Joint;
 
 /// The default names of joints and gripper.
-pub(crate) const DEFAULT_NAMES: [&str; JOINTS + 1] =
-    ["joint1", "joint2", "joint3", "joint4", "joint5", "joint6", "gripper"];
-/// The gripper's speed, as always sent by the vendor's package.
-const GRIPPER_SPEED: GripperSpeed = GripperSpeed(5500);
+pub(crate) const DEFAULT_NAMES: [&str; AXES] = ["joint1", "joint2", "joint3", "joint4", "joint5", "joint6", "gripper"];
 
 /// The distance from the last point, by default, at which a joint has reached its goal, in rad.
 const GOAL_TOLERANCE: f64 = 0.05;
@@ -36,12 +35,50 @@ pub(crate) fn joints(names: &[String]) -> Vec<Joint> {
     names.iter().enumerate().map(joint).collect()
 }
 
+/// The units of an arm with this gripper.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Units(pub(crate) Stroke);
+
+impl Units {
+    /// A tick in rad, or a thousandth of the gripper's stroke in m.
+    pub(crate) fn of(self, axis: usize) -> f64 {
+        match axis < JOINTS {
+            true => TAU / f64::from(TICKS_PER_TURN),
+            false => f64::from(self.0.millimetres()) / 1_000_000.0,
+        }
+    }
+
+    /// A pose in the arm's units.
+    pub(crate) fn axes(self, positions: &[f64]) -> Axes {
+        std::array::from_fn(|axis| positions[axis] / self.of(axis) + zero(axis))
+    }
+
+    /// A pose in rad and m.
+    pub(crate) fn positions(self, axes: &Axes) -> Vec<f64> {
+        let position = |axis| (axes[axis] - zero(axis)) * self.of(axis);
+        (0..AXES).map(position).collect()
+    }
+
+    /// Distances in the arm's units.
+    pub(crate) fn tolerance(self, distances: &[Option<f64>]) -> Tolerance {
+        std::array::from_fn(|axis| distances[axis].map(|distance| distance / self.of(axis)))
+    }
+}
+
+/// 0 rad or m in the arm's units.
+fn zero(axis: usize) -> f64 {
+    match axis < JOINTS {
+        true => Position::CENTRE.ticks().into(),
+        false => 0.0,
+    }
+}
+
 /// One reading of an arm.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Reading {
     /// System time, in nanoseconds since 1970.
     pub(crate) at: i64,
-    pub(crate) status: MotionStatus,
+    pub(crate) state: ling::JointState,
     /// Joints in rad, and the gripper's opening in m.
     pub(crate) positions: Vec<f64>,
 }
@@ -61,7 +98,7 @@ impl Reading {
         positions.push(f64::from(state.opening()?.millimetres(stroke)) / 1_000.0);
         Ok(Self {
             at,
-            status: state.status,
+            state: *state,
             positions,
         })
     }
@@ -90,27 +127,10 @@ impl Reading {
     }
 }
 
-/// The request that moves an arm with this gripper to a setpoint.
-///
-/// # Errors
-///
-/// A setpoint outside the protocol's range. A checked trajectory has none.
-pub(crate) fn to_move(setpoint: &Setpoint, stroke: Stroke) -> Result<Move, OutOfRange<f32>> {
-    let mut joints = [(Position::CENTRE, Speed::SLOWEST); JOINTS];
-    for (nth, joint) in joints.iter_mut().enumerate() {
-        let position = Position::from_radians(setpoint.positions[nth] as f32)?;
-        let speed = Speed::from_radians_per_second(setpoint.speeds[nth] as f32)?;
-        *joint = (position, speed.max(Speed::SLOWEST));
-    }
-    let opening = Opening::from_millimetres((setpoint.positions[JOINTS] * 1_000.0) as f32, stroke)?;
-    Ok(Move {
-        joints,
-        gripper: (opening, GRIPPER_SPEED),
-    })
-}
-
 #[cfg(test)]
 mod tests {
+    use armwire::ling::MotionStatus;
+
     use super::*;
 
     fn state(ticks: u16, gripper: u16) -> ling::JointState {
@@ -155,13 +175,12 @@ mod tests {
     fn every_tick_survives_conversion_to_a_setpoint() {
         for ticks in 0..=4095 {
             let reading = Reading::new(0, &state(ticks, 1000), Stroke::Mm100).unwrap();
-            let setpoint = Setpoint {
-                positions: reading.positions,
-                speeds: vec![0.0; JOINTS + 1],
-            };
-            let request = to_move(&setpoint, Stroke::Mm100).unwrap();
-            assert_eq!(request.joints[0], (Position::new(ticks).unwrap(), Speed::SLOWEST));
-            assert_eq!(request.gripper.0, Opening::OPEN);
+            let axes = Units(Stroke::Mm100).axes(&reading.positions);
+            let expected = [ticks, ticks, ticks, ticks, ticks, ticks, 1000].map(f64::from);
+            assert!(
+                axes.iter().zip(expected).all(|(axis, to)| (axis - to).abs() < 0.01),
+                "{axes:?}"
+            );
         }
     }
 }

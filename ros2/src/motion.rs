@@ -1,19 +1,24 @@
-//! Motion of an arm: the trajectory that is played, the one that waits for its time, and the end of each.
+//! Trajectories of an arm: the one that is played, the one that waits for its time, and the end of each.
 //!
-//! Time and readings go in, setpoints and ends come out by [`Motion::poll`]. No clock and no I/O.
+//! Time and readings go in, moves and ends come out by [`Motion::poll`]. No clock and no I/O. The moves are those of the
+//! library's [`Engine`].
 
 use std::collections::VecDeque;
-use std::time::{Duration, Instant};
 
+use armwire::ling::Move;
+use armwire::time::{Duration, Instant};
+use armwire_host::engine::{self, Engine, Fault};
+use armwire_host::trajectory::{Knot, Trajectory};
+use armwire_host::{AXES, Off, trajectory as host};
 use ros2_client::action::GoalId;
 
-use crate::joint_states::Reading;
+use crate::joint_states::{Reading, Units};
 use crate::messages::JointTrajectory;
 use crate::tolerances::Tolerances;
-use crate::trajectory::{self, Joint, Plan, Pose, Refusal, Setpoint};
+use crate::trajectory::{self, Joint, Path, Pose, Refusal};
 
-/// Minimum time between two setpoints.
-const MOVE_PERIOD: Duration = Duration::from_millis(10);
+/// Time between two moves.
+pub(crate) const MOVE_PERIOD: Duration = Duration::from_millis(10);
 /// Minimum time between two outputs of feedback.
 const FEEDBACK_PERIOD: Duration = Duration::from_millis(50);
 /// A joint or gripper that moves away from its goal by more than this, in rad or m, was moved by another host.
@@ -71,7 +76,7 @@ pub(crate) enum Abort {
 /// A trajectory's progress, by a reading.
 #[derive(Debug, PartialEq)]
 pub(crate) struct Progress {
-    pub(crate) elapsed: Duration,
+    pub(crate) elapsed: std::time::Duration,
     pub(crate) desired: Vec<f64>,
     pub(crate) actual: Vec<f64>,
     /// System time of the reading, in nanoseconds since 1970.
@@ -82,7 +87,7 @@ pub(crate) struct Progress {
 #[derive(Debug, PartialEq)]
 pub(crate) enum Output {
     /// Send this to the arm.
-    Move(Setpoint),
+    Move(Move),
     Started(Origin),
     Feedback(GoalId, Progress),
     Ended(Origin, End),
@@ -94,31 +99,19 @@ pub(crate) struct Motion {
     joints: Vec<Joint>,
     /// The number of joints that a trajectory must name: all but the gripper.
     required: usize,
+    units: Units,
     reading: Reading,
-    /// The goal of each joint by the last setpoint.
-    goals: Vec<Option<Goal>>,
+    engine: Engine,
     playing: Option<Playing>,
     waiting: Option<Waiting>,
-    moved: Option<Instant>,
     outputs: VecDeque<Output>,
-}
-
-/// The goal of a joint.
-#[derive(Debug)]
-struct Goal {
-    position: f64,
-    /// The least distance of a reading so far.
-    nearest: f64,
 }
 
 #[derive(Debug)]
 struct Playing {
     origin: Origin,
-    plan: Plan,
-    tolerances: Option<Tolerances>,
+    trajectory: Trajectory,
     began: Instant,
-    /// The last point was sent. A goal then waits for the arm.
-    is_sent: bool,
     reported: Option<Instant>,
 }
 
@@ -129,16 +122,27 @@ struct Waiting {
 }
 
 impl Motion {
-    /// No motion of an arm with this reading.
-    pub(crate) fn new(joints: Vec<Joint>, required: usize, reading: Reading) -> Self {
+    /// No motion of an arm with this reading at `now`, which is silent after `silence`.
+    pub(crate) fn new(
+        joints: Vec<Joint>,
+        required: usize,
+        units: Units,
+        silence: Duration,
+        now: Instant,
+        reading: Reading,
+    ) -> Self {
+        let mut drift = [Some(JOINT_DRIFT); AXES];
+        drift[AXES - 1] = Some(GRIPPER_DRIFT);
+        let mut engine = Engine::new(MOVE_PERIOD, silence, units.tolerance(&drift));
+        engine.on_joints(now, &reading.state);
         Self {
-            goals: joints.iter().map(|_| None).collect(),
             joints,
             required,
+            units,
             reading,
+            engine,
             playing: None,
             waiting: None,
-            moved: None,
             outputs: VecDeque::new(),
         }
     }
@@ -150,17 +154,17 @@ impl Motion {
     ///
     /// The reason for a refusal, which changes nothing.
     pub(crate) fn accept(&mut self, now: Instant, system: i64, order: Order) -> Result<(), Refusal> {
-        if self.reading.status.is_torque_off() {
+        if self.reading.state.status.is_torque_off() {
             return Err(Refusal::TorqueOff);
         }
-        let lead = trajectory::lead(order.trajectory.header.stamp, system)?;
+        let lead = micros(trajectory::lead(order.trajectory.header.stamp, system)?);
         let starts = now + lead;
-        let plan = self.check(&order.trajectory, starts)?;
+        let path = self.check(&order.trajectory, starts)?;
         if let Some(waiting) = self.waiting.take() {
             self.end(waiting.order.origin, End::Replaced);
         }
-        if lead.is_zero() {
-            self.begin(order.origin, plan, order.tolerances, starts);
+        if lead == Duration::ZERO {
+            self.begin(order.origin, &path, order.tolerances.as_ref(), starts);
         } else {
             self.waiting = Some(Waiting { order, starts });
         }
@@ -170,17 +174,11 @@ impl Motion {
     /// Takes a reading received at `now`.
     pub(crate) fn on_reading(&mut self, now: Instant, reading: &Reading) {
         self.reading = reading.clone();
-        if reading.status.is_torque_off() {
+        self.engine.on_joints(now, &reading.state);
+        if reading.state.status.is_torque_off() {
             // A later torque-on must not resume it.
             self.abort(&Abort::TorqueLost);
             return;
-        }
-        for ((goal, position), joint) in self.goals.iter_mut().zip(&reading.positions).zip(&self.joints) {
-            let drift = match joint.max_speed {
-                Some(_) => JOINT_DRIFT,
-                None => GRIPPER_DRIFT,
-            };
-            *goal = goal.take().and_then(|goal| goal.seen_at(*position, drift));
         }
         self.track(now);
     }
@@ -201,13 +199,15 @@ impl Motion {
 
     /// Ends all trajectories of an arm that does not hold its last setpoint any more.
     pub(crate) fn abort(&mut self, why: &Abort) {
-        self.goals.fill_with(|| None);
+        self.engine.rest();
         self.end_all(&End::Aborted(why.clone()));
     }
 
     /// Returns true while setpoints are sent.
     pub(crate) fn is_sending(&self) -> bool {
-        self.playing.as_ref().is_some_and(|playing| !playing.is_sent)
+        self.playing
+            .as_ref()
+            .is_some_and(|playing| !playing.trajectory.is_sent())
     }
 
     /// The next action at `now`; `None` if nothing is left.
@@ -221,128 +221,114 @@ impl Motion {
     fn advance(&mut self, now: Instant) {
         if let Some(Waiting { order, starts }) = self.waiting.take_if(|waiting| now >= waiting.starts) {
             match self.check(&order.trajectory, starts) {
-                Ok(plan) => self.begin(order.origin, plan, order.tolerances, starts),
+                Ok(path) => self.begin(order.origin, &path, order.tolerances.as_ref(), starts),
                 Err(refusal) => self.end(order.origin, End::Aborted(Abort::Start(refusal))),
             }
         }
-        let is_due = self.moved.is_none_or(|moved| now.duration_since(moved) >= MOVE_PERIOD);
-        let Some(playing) = self.playing.as_mut().filter(|playing| is_due && !playing.is_sent) else {
-            return;
-        };
-        let elapsed = now.duration_since(playing.began);
-        let setpoint = playing.plan.at(elapsed);
-        playing.is_sent = elapsed >= playing.plan.end();
-        let is_over = playing.is_sent && playing.tolerances.is_none();
-        self.moved = Some(now);
-        self.send(setpoint);
-        if is_over {
-            self.end_playing(End::Finished);
+        let Some(playing) = &mut self.playing else { return };
+        match self.engine.poll(now, &mut playing.trajectory) {
+            engine::Output::Move(next) => {
+                self.outputs.push_back(Output::Move(next));
+                // The topic has no tolerances: its trajectory ends with the last point.
+                if playing.origin == Origin::Topic && playing.trajectory.is_sent() {
+                    self.end_playing(End::Finished);
+                }
+            }
+            engine::Output::Wait(_) => {}
+            engine::Output::End(end) => self.end_by(now, end),
         }
     }
 
-    /// Compares the arm with the goal that is played.
+    /// Reports the progress of the goal that is played, and ends it at its last point.
     fn track(&mut self, now: Instant) {
         let Some(playing) = &mut self.playing else { return };
-        let (Origin::Goal(goal), Some(tolerances)) = (playing.origin, &playing.tolerances) else {
-            return;
-        };
-        let elapsed = now.duration_since(playing.began);
-        let desired = playing.plan.at(elapsed).positions;
-        let actual = &self.reading.positions;
-        if playing
-            .reported
-            .is_none_or(|reported| now.duration_since(reported) >= FEEDBACK_PERIOD)
+        let is_due = |reported: Instant| now.since(reported) >= FEEDBACK_PERIOD;
+        if let Origin::Goal(goal) = playing.origin
+            && playing.reported.is_none_or(is_due)
         {
             playing.reported = Some(now);
             let progress = Progress {
-                elapsed,
-                desired: desired.clone(),
-                actual: actual.clone(),
+                elapsed: now.since(playing.began).into(),
+                desired: self.units.positions(&playing.trajectory.at(now)),
+                actual: self.reading.positions.clone(),
                 at: self.reading.at,
             };
             self.outputs.push_back(Output::Feedback(goal, progress));
         }
-        let allowed = if playing.is_sent {
-            &tolerances.goal
-        } else {
-            &tolerances.path
-        };
-        let outside = outside(&self.joints, &desired, actual, allowed);
-        let late = elapsed.saturating_sub(playing.plan.end()) >= tolerances.goal_time;
-        match outside {
-            None if playing.is_sent => self.end_playing(End::Finished),
-            Some((joint, distance, allowed)) if !playing.is_sent => self.give_up(Abort::Path {
-                joint,
-                distance,
-                allowed,
-            }),
-            Some((joint, distance, allowed)) if late => self.give_up(Abort::Goal {
-                joint,
-                distance,
-                allowed,
-            }),
-            _ => {}
+        if let Some(end) = self
+            .engine
+            .seen()
+            .and_then(|arm| playing.trajectory.on_pose(now, &arm.pose))
+        {
+            self.end_by(now, end);
         }
     }
 
-    /// Ends a motion that the arm does not follow. The joints hold where they are, so that they do not press on.
-    fn give_up(&mut self, why: Abort) {
-        let pose = self.pose_of_reading();
-        let hold = |(nth, joint): (usize, &Joint)| match joint.max_speed {
-            Some(_) => pose.positions[nth],
-            None => pose.goals[nth],
+    /// Ends the trajectory that is played. An arm that does not follow it is held where it is.
+    fn end_by(&mut self, now: Instant, end: host::End) {
+        let off = |off: Off| {
+            let joint = self.joints[off.axis].name.clone();
+            let [distance, allowed] = [off.distance, off.allowed].map(|units| units * self.units.of(off.axis));
+            (joint, distance, allowed)
         };
-        let positions: Vec<f64> = self.joints.iter().enumerate().map(hold).collect();
-        let speeds = vec![0.0; positions.len()];
-        self.send(Setpoint { positions, speeds });
-        self.end_playing(End::Aborted(why));
-    }
-
-    fn check(&self, trajectory: &JointTrajectory, starts: Instant) -> Result<Plan, Refusal> {
-        let pose = match &self.playing {
-            // A motion continues from its setpoint: a reading lags behind.
-            Some(playing) if !playing.is_sent => {
-                let positions = playing.plan.at(starts.duration_since(playing.began)).positions;
-                Pose {
-                    goals: positions.clone(),
-                    positions,
+        let abort = match end {
+            host::End::Fault(Fault::TorqueOff(_)) => return self.abort(&Abort::TorqueLost),
+            host::End::Fault(Fault::TrackingError(error)) => {
+                let (joint, distance, allowed) = off(error);
+                Abort::Path {
+                    joint,
+                    distance,
+                    allowed,
                 }
             }
-            _ => self.pose_of_reading(),
+            host::End::Away(deviation) => {
+                let (joint, distance, allowed) = off(deviation);
+                Abort::Goal {
+                    joint,
+                    distance,
+                    allowed,
+                }
+            }
+            host::End::Fault(fault) => return self.end_playing(End::Aborted(Abort::ArmLost(fault.to_string()))),
+            host::End::Arrived => return self.end_playing(End::Finished),
         };
-        trajectory::check(&self.joints, self.required, trajectory, &pose)
+        self.outputs.extend(self.engine.hold(now).map(Output::Move));
+        self.end_playing(End::Aborted(abort));
     }
 
-    fn pose_of_reading(&self) -> Pose {
-        let positions = self.reading.positions.clone();
-        let goals = self.goals.iter().zip(&positions);
-        let goals = goals.map(|(goal, &position)| goal.as_ref().map_or(position, |goal| goal.position));
-        Pose {
-            goals: goals.collect(),
-            positions,
-        }
+    fn check(&self, trajectory: &JointTrajectory, starts: Instant) -> Result<Path, Refusal> {
+        let (positions, goals) = match (&self.playing, self.engine.seen()) {
+            // A motion continues from its setpoint: a reading lags behind.
+            (Some(playing), _) if !playing.trajectory.is_sent() => {
+                let setpoint = self.units.positions(&playing.trajectory.at(starts));
+                (setpoint.clone(), setpoint)
+            }
+            (_, Some(arm)) => (self.reading.positions.clone(), self.units.positions(&arm.goal)),
+            (_, None) => (self.reading.positions.clone(), self.reading.positions.clone()),
+        };
+        trajectory::check(&self.joints, self.required, trajectory, &Pose { positions, goals })
     }
 
-    fn begin(&mut self, origin: Origin, plan: Plan, tolerances: Option<Tolerances>, began: Instant) {
+    fn begin(&mut self, origin: Origin, path: &Path, tolerances: Option<&Tolerances>, began: Instant) {
         self.end_playing(End::Replaced);
+        let units = self.units;
+        let start = units.axes(&path.start);
+        let knots = path.knots.iter().map(|knot| Knot {
+            at: micros(knot.at),
+            axes: units.axes(&knot.positions),
+        });
+        let tolerances = tolerances.map(|tolerances| host::Tolerances {
+            path: units.tolerance(&tolerances.path),
+            goal: units.tolerance(&tolerances.goal),
+            goal_time: micros(tolerances.goal_time),
+        });
         self.playing = Some(Playing {
             origin,
-            plan,
-            tolerances,
+            trajectory: Trajectory::new(start, knots.collect(), tolerances, began),
             began,
-            is_sent: false,
             reported: None,
         });
         self.outputs.push_back(Output::Started(origin));
-    }
-
-    fn send(&mut self, setpoint: Setpoint) {
-        self.goals = setpoint
-            .positions
-            .iter()
-            .map(|&position| Some(Goal::new(position)))
-            .collect();
-        self.outputs.push_back(Output::Move(setpoint));
     }
 
     fn end_playing(&mut self, end: End) {
@@ -363,39 +349,14 @@ impl Motion {
     }
 }
 
-impl Goal {
-    fn new(position: f64) -> Self {
-        Self {
-            position,
-            nearest: f64::INFINITY,
-        }
-    }
-
-    /// The goal after a reading; `None` if the joint has moved away from it.
-    fn seen_at(self, position: f64, drift: f64) -> Option<Self> {
-        let distance = (position - self.position).abs();
-        let nearest = self.nearest.min(distance);
-        (distance <= nearest + drift).then_some(Self { nearest, ..self })
-    }
-}
-
-/// The first joint outside of its tolerance, its distance, and what is allowed.
-fn outside(joints: &[Joint], desired: &[f64], actual: &[f64], allowed: &[Option<f64>]) -> Option<(String, f64, f64)> {
-    joints
-        .iter()
-        .zip(desired)
-        .zip(actual)
-        .zip(allowed)
-        .find_map(|(((joint, desired), actual), allowed)| {
-            let distance = (actual - desired).abs();
-            let allowed = allowed.filter(|allowed| distance > *allowed)?;
-            Some((joint.name.clone(), distance, allowed))
-        })
+/// A time on the clock of the state machines.
+fn micros(time: std::time::Duration) -> Duration {
+    Duration::from_micros(time.as_micros() as u64)
 }
 
 #[cfg(test)]
 mod tests {
-    use armwire::ling::MotionStatus;
+    use armwire::ling::{JOINTS, JointState, MotionStatus, Stroke};
     use proptest::prelude::*;
 
     use super::*;
@@ -403,27 +364,36 @@ mod tests {
 
     /// System time at the start of a test.
     const SYSTEM: i64 = 1_700_000_000_000_000_000;
+    const STROKE: Stroke = Stroke::Mm50;
+    /// The gripper's number.
+    const GRIPPER: usize = JOINTS;
 
     fn joints() -> Vec<Joint> {
-        let joint = |name: &str, max_speed| Joint {
+        let joint = |name: &str| Joint {
             name: name.to_owned(),
             min: -3.0,
             max: 3.0,
-            max_speed,
+            max_speed: Some(2.0),
             path: None,
             goal: None,
         };
-        vec![joint("a", Some(2.0)), joint("gripper", None)]
+        let mut joints = ["a", "b", "c", "d", "e", "f", "gripper"].map(joint).to_vec();
+        joints[GRIPPER] = Joint {
+            min: 0.0,
+            max: 0.05,
+            max_speed: None,
+            ..joint("gripper")
+        };
+        joints
     }
 
     /// A motion and its arm, which is at each setpoint at once unless it is blocked.
     struct Bench {
         motion: Motion,
-        start: Instant,
         /// Time since the start, in ms.
         now: u64,
         arm: Vec<f64>,
-        blocked: Vec<bool>,
+        blocked: [bool; AXES],
         status: MotionStatus,
         /// The setpoints of `a`, with their times in ms.
         moves: Vec<(u64, f64)>,
@@ -433,19 +403,26 @@ mod tests {
         outputs: Vec<(u64, Output)>,
     }
 
+    fn reading(millis: u64, positions: &[f64], status: MotionStatus) -> Reading {
+        let axes = Units(STROKE).axes(positions).map(|units| units.round() as u16);
+        let state = JointState {
+            joints: std::array::from_fn(|joint| axes[joint]),
+            gripper: axes[GRIPPER],
+            status,
+        };
+        Reading::new(SYSTEM + millis as i64 * 1_000_000, &state, STROKE).unwrap()
+    }
+
     impl Bench {
         fn new() -> Self {
-            let reading = Reading {
-                at: SYSTEM,
-                status: MotionStatus::Locked,
-                positions: vec![0.0, 0.0],
-            };
+            let arm = vec![0.0; AXES];
+            let reading = reading(0, &arm, MotionStatus::Locked);
+            let silence = Duration::from_millis(250);
             Self {
-                arm: reading.positions.clone(),
-                motion: Motion::new(joints(), 1, reading),
-                start: Instant::now(),
+                motion: Motion::new(joints(), 1, Units(STROKE), silence, Instant::ZERO, reading),
                 now: 0,
-                blocked: vec![false, false],
+                arm,
+                blocked: [false; AXES],
                 status: MotionStatus::Locked,
                 moves: Vec::new(),
                 followed: Vec::new(),
@@ -454,7 +431,7 @@ mod tests {
         }
 
         fn instant(&self) -> Instant {
-            self.start + Duration::from_millis(self.now)
+            Instant::from_millis(self.now)
         }
 
         /// Polls the motion and takes a reading each 5 ms, until a time.
@@ -462,11 +439,7 @@ mod tests {
             while self.now < until {
                 self.now += 5;
                 self.poll();
-                let reading = Reading {
-                    at: SYSTEM + self.now as i64 * 1_000_000,
-                    status: self.status,
-                    positions: self.arm.clone(),
-                };
+                let reading = reading(self.now, &self.arm, self.status);
                 self.motion.on_reading(self.instant(), &reading);
                 self.poll();
             }
@@ -475,14 +448,16 @@ mod tests {
         fn poll(&mut self) {
             while let Some(output) = self.motion.poll(self.instant()) {
                 match output {
-                    Output::Move(setpoint) => {
-                        self.moves.push((self.now, setpoint.positions[0]));
-                        for nth in 0..2 {
+                    Output::Move(next) => {
+                        let joints = next.joints.map(|(position, _)| f64::from(position.radians()));
+                        let gripper = f64::from(next.gripper.0.millimetres(STROKE)) / 1_000.0;
+                        self.moves.push((self.now, joints[0]));
+                        for (nth, position) in joints.into_iter().chain([gripper]).enumerate() {
                             if !self.blocked[nth] {
-                                self.arm[nth] = setpoint.positions[nth];
+                                self.arm[nth] = position;
                             }
                         }
-                        self.followed.push((self.now, setpoint.positions[0], self.arm[0]));
+                        self.followed.push((self.now, joints[0], self.arm[0]));
                     }
                     output => self.outputs.push((self.now, output)),
                 }
@@ -504,9 +479,9 @@ mod tests {
                 trajectory.header.stamp = Time::from_nanos(SYSTEM + at as i64 * 1_000_000);
             }
             let tolerances = Tolerances {
-                path: vec![Some(0.3), None],
-                goal: vec![Some(0.05), None],
-                goal_time: Duration::from_millis(500),
+                path: [&[Some(0.3)][..], &[None; GRIPPER]].concat(),
+                goal: [&[Some(0.05)][..], &[None; GRIPPER]].concat(),
+                goal_time: std::time::Duration::from_millis(500),
             };
             let order = Order {
                 origin,
@@ -628,12 +603,13 @@ mod tests {
         bench.blocked[0] = true;
         bench.to(goal, 0, 0.2);
         bench.run(3_000);
-        let abort = Abort::Goal {
-            joint: "a".to_owned(),
-            distance: 0.2,
-            allowed: 0.05,
+        let ends = bench.ends();
+        let [(1_500, origin, End::Aborted(abort @ Abort::Goal { .. }))] = &ends[..] else {
+            panic!("{ends:?}");
         };
-        assert_eq!(bench.ends(), [(1_500, goal, End::Aborted(abort))]);
+        assert_eq!(*origin, goal);
+        let text = "\"a\" is 0.2000 from its goal after the goal time, allowed 0.0500";
+        assert_eq!(abort.to_string(), text);
         // The joint does not press on against what blocks it.
         assert_eq!(bench.moves.last(), Some(&(1_500, 0.0)));
     }
@@ -641,10 +617,10 @@ mod tests {
     #[test]
     fn arm_that_leaves_its_path_is_stopped() {
         let (mut bench, goal) = (Bench::new(), goal());
-        bench.order(goal, 0, &["a", "gripper"], &[1.0, 0.5]).unwrap();
-        bench.run(200);
-        let gripper = bench.arm[1];
-        bench.blocked = vec![true, true];
+        bench.order(goal, 0, &["a", "gripper"], &[1.0, 0.05]).unwrap();
+        bench.run(205);
+        let gripper = bench.arm[GRIPPER];
+        bench.blocked = [true; AXES];
         bench.run(3_000);
         let ends = bench.ends();
         assert!(
@@ -652,7 +628,7 @@ mod tests {
             "{ends:?}"
         );
         let hold = bench.moves.last().unwrap();
-        assert_eq!((hold.1, bench.arm[1]), (bench.arm[0], gripper));
+        assert_eq!((hold.1, bench.arm[GRIPPER]), (bench.arm[0], gripper));
     }
 
     #[test]
@@ -712,27 +688,27 @@ mod tests {
     #[test]
     fn omitted_gripper_keeps_its_grip() {
         let mut bench = Bench::new();
-        // Closed around an object at 0.01.
-        bench.arm[1] = 0.01;
-        bench.blocked[1] = true;
-        bench.order(Origin::Topic, 0, &["gripper"], &[-0.02]).unwrap();
+        // Closed around an object at 0.03.
+        bench.arm[GRIPPER] = 0.03;
+        bench.blocked[GRIPPER] = true;
+        bench.order(Origin::Topic, 0, &["gripper"], &[0.0]).unwrap();
         bench.run(1_500);
-        bench.blocked[1] = false;
+        bench.blocked[GRIPPER] = false;
         bench.to(Origin::Topic, 0, 0.5);
         bench.run(1_600);
-        assert_eq!(bench.arm[1], -0.02);
+        assert_eq!(bench.arm[GRIPPER], 0.0);
     }
 
     #[test]
     fn gripper_moved_by_another_host_stays() {
         let mut bench = Bench::new();
-        bench.order(Origin::Topic, 0, &["gripper"], &[-0.02]).unwrap();
+        bench.order(Origin::Topic, 0, &["gripper"], &[0.0]).unwrap();
         bench.run(1_500);
-        bench.arm[1] = 0.04;
+        bench.arm[GRIPPER] = 0.04;
         bench.run(1_600);
         bench.to(Origin::Topic, 0, 0.5);
         bench.run(1_700);
-        assert_eq!(bench.arm[1], 0.04);
+        assert!((bench.arm[GRIPPER] - 0.04).abs() < 1e-9, "{:?}", bench.arm);
     }
 
     #[test]
@@ -750,9 +726,26 @@ mod tests {
             .collect();
         assert!((20..=22).contains(&feedback.len()), "{feedback:?}");
         for (at, progress) in feedback {
-            assert!(progress.elapsed <= Duration::from_millis(at), "{at}: {progress:?}");
+            assert!(
+                progress.elapsed <= std::time::Duration::from_millis(at),
+                "{at}: {progress:?}"
+            );
             assert!(near(progress.desired[0], progress.actual[0]), "{at}: {progress:?}");
         }
+    }
+
+    #[test]
+    fn silent_arm_aborts_the_trajectory_it_plays() {
+        let (mut bench, goal) = (Bench::new(), goal());
+        bench.to(goal, 0, 1.0);
+        bench.run(200);
+        while bench.now < 600 {
+            bench.now += 5;
+            bench.poll();
+        }
+        let lost = Abort::ArmLost("no reading of the joints for 0.26 s".to_owned());
+        assert_eq!(bench.ends(), [(455, goal, End::Aborted(lost))]);
+        assert!(bench.moves.iter().all(|(at, _)| *at < 455), "{:?}", bench.moves);
     }
 
     /// An event of a motion.

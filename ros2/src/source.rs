@@ -1,17 +1,16 @@
 //! Where an arm's readings come from: the polls of its adapter, or its own stream. No wait is longer than a step.
 
-use std::time::{Duration, Instant};
-
 use armwire::ling::{JointState, Ling, Response};
 use armwire::messages::Messages;
+use armwire::time::{Duration, Instant};
 use armwire_bridge::control::Event;
 use armwire_host::stamps::{self, Clock, HostTime};
 use armwire_host::{Adapter, Error, Stream};
 
 /// Maximum wait for a reading before setpoints and requests have their turn.
-pub(crate) const STEP: Duration = Duration::from_millis(5);
+const STEP: Duration = Duration::from_millis(5);
 
-/// What came within a step.
+/// The input within a step.
 pub(crate) enum Input {
     /// A reading, and its system time in nanoseconds since 1970.
     Reading(i64, JointState),
@@ -23,20 +22,36 @@ pub(crate) enum Input {
 pub(crate) enum Source {
     /// An adapter that polls the arm.
     Adapter(Adapter, Clock),
-    /// The arm itself: the time of the next request, and the time between two.
-    Arm { due: Instant, period: Duration },
+    /// The arm itself.
+    Arm(Requests),
+}
+
+/// An arm whose readings are requested without waiting for their answers.
+pub(crate) trait Port {
+    /// Requests a reading of the joints.
+    fn request_joints(&mut self) -> Result<(), Error>;
+
+    /// The readings that have arrived, after a wait of at most this long for the first byte.
+    fn receive(&mut self, wait: Duration) -> Result<Vec<JointState>, Error>;
+}
+
+/// Requests at a rate.
+pub(crate) struct Requests {
+    /// The time of the next one.
+    due: Instant,
+    period: Duration,
 }
 
 impl Source {
-    /// What has come, after a wait of at most a step.
+    /// The input, after a wait of at most a step.
     ///
     /// # Errors
     ///
     /// The line or the control port fails. A lost answer is no error.
-    pub(crate) fn receive(&mut self, stream: &mut Stream) -> Result<Vec<Input>, Error> {
+    pub(crate) fn receive(&mut self, now: Instant, stream: &mut Stream) -> Result<Vec<Input>, Error> {
         match self {
             Self::Adapter(adapter, clock) => {
-                let Some((stamp, event)) = adapter.next_event(STEP)? else {
+                let Some((stamp, event)) = adapter.next_event(STEP.into())? else {
                     return Ok(Vec::new());
                 };
                 let Event::Frame { bytes, .. } = event else {
@@ -49,13 +64,8 @@ impl Source {
                 let at = clock.host_time(stamp, HostTime::now()).unix_ns;
                 Ok(vec![Input::Reading(at, state)])
             }
-            Self::Arm { due, period } => {
-                let now = Instant::now();
-                if now >= *due {
-                    stream.request_joints()?;
-                    *due = (*due + *period).max(now);
-                }
-                let readings = stream.receive(due.saturating_duration_since(now).min(STEP))?;
+            Self::Arm(requests) => {
+                let readings = requests.receive(now, stream)?;
                 let reading = |state| Input::Reading(stamps::now(), state);
                 Ok(readings.into_iter().map(reading).collect())
             }
@@ -66,54 +76,175 @@ impl Source {
     pub(crate) fn adapter(&mut self) -> Option<&mut Adapter> {
         match self {
             Self::Adapter(adapter, _) => Some(adapter),
-            Self::Arm { .. } => None,
+            Self::Arm(_) => None,
         }
     }
 }
 
-#[cfg(all(test, unix))]
-#[path = "../../host/tests/virtual_arm/mod.rs"]
-#[allow(dead_code, reason = "the tests of the library use the rest")]
-mod virtual_arm;
+impl Requests {
+    /// A request per period, from now on.
+    pub(crate) fn new(now: Instant, period: Duration) -> Self {
+        Self { due: now, period }
+    }
 
-#[cfg(all(test, unix))]
+    /// The readings, after a wait until the next request, and of at most a step.
+    fn receive(&mut self, now: Instant, port: &mut impl Port) -> Result<Vec<JointState>, Error> {
+        if now >= self.due {
+            port.request_joints()?;
+            self.due = (self.due + self.period).max(now);
+        }
+        port.receive(self.due.since(now).min(STEP))
+    }
+}
+
+impl Port for Stream {
+    fn request_joints(&mut self) -> Result<(), Error> {
+        self.request_joints()
+    }
+
+    fn receive(&mut self, wait: Duration) -> Result<Vec<JointState>, Error> {
+        self.receive(wait.into())
+    }
+}
+
+#[cfg(test)]
 mod tests {
-    use std::sync::atomic::Ordering;
+    use armwire::decoder::{Decoder, Kind};
+    use armwire::ling::{JOINTS, MAX_FRAME, Request, Stroke};
+    use armwire_sim::faults::{Line, Rates};
+    use armwire_sim::ling::{Config, LingArm};
+    use armwire_sim::serial::SerialDevice;
 
-    use armwire::ling::{GripperSpeed, Move, Opening, Position, Speed};
-
-    use super::virtual_arm::{JOINTS_ANSWER, with_own_arm};
     use super::*;
+    use crate::joint_states::{Reading, Units, joints};
+    use crate::messages::{JointTrajectory, JointTrajectoryPoint, Time};
+    use crate::motion::{MOVE_PERIOD, Motion, Order, Origin, Output};
 
-    /// The time between two readings.
+    /// The time of a byte at 1 Mbaud.
+    const BYTE: Duration = Duration::from_micros(10);
     const PERIOD: Duration = Duration::from_millis(10);
 
-    /// A setpoint per period is late by less than this, whatever the arm answers.
+    /// A virtual arm on a line that loses one in a thousand of its bytes, 2 % of the answers. A wait makes its time pass.
+    struct Virtual {
+        line: Line<LingArm>,
+        decoder: Decoder<Ling, MAX_FRAME>,
+        now: Instant,
+        requests: usize,
+        readings: usize,
+    }
+
+    impl Virtual {
+        fn new() -> Self {
+            let lossy = Rates {
+                drop: 1_000,
+                ..Rates::NONE
+            };
+            Self {
+                line: Line::new(LingArm::new(Config::follower()), Rates::NONE, lossy, 5),
+                decoder: Decoder::new(),
+                now: Instant::ZERO,
+                requests: 0,
+                readings: 0,
+            }
+        }
+
+        fn send(&mut self, request: &Request) {
+            let mut out = [0; MAX_FRAME];
+            let n = Ling.encode_request(request, &mut out).unwrap();
+            for &byte in &out[..n] {
+                self.line.receive(self.now, byte);
+                self.now += BYTE;
+            }
+        }
+    }
+
+    impl Port for Virtual {
+        fn request_joints(&mut self) -> Result<(), Error> {
+            self.requests += 1;
+            self.send(&Request::ReadJoints);
+            Ok(())
+        }
+
+        fn receive(&mut self, wait: Duration) -> Result<Vec<JointState>, Error> {
+            let until = self.now + wait;
+            let mut readings = Vec::new();
+            loop {
+                let mut is_received = false;
+                while let Some(byte) = self.line.transmit(self.now) {
+                    is_received = true;
+                    assert!(self.decoder.push(&[byte]).is_empty());
+                    while let Some(item) = self.decoder.next(&Ling, ()) {
+                        if item.kind == Kind::Frame
+                            && let Ok(Response::Joints(state)) = Ling.parse_response(item.bytes, ())
+                        {
+                            readings.push(state);
+                        }
+                    }
+                }
+                if is_received || self.now >= until {
+                    self.readings += readings.len();
+                    return Ok(readings);
+                }
+                self.now += BYTE;
+            }
+        }
+    }
+
+    /// A trajectory of a minute.
+    fn order() -> Order {
+        let names = crate::joint_states::DEFAULT_NAMES;
+        Order {
+            origin: Origin::Topic,
+            trajectory: JointTrajectory {
+                joint_names: names[..JOINTS].iter().map(|&name| name.to_owned()).collect(),
+                points: vec![JointTrajectoryPoint {
+                    positions: vec![1.0; JOINTS],
+                    time_from_start: Time { sec: 60, nanosec: 0 },
+                    ..Default::default()
+                }],
+                ..Default::default()
+            },
+            tolerances: None,
+        }
+    }
+
     #[test]
     fn lost_answers_do_not_hold_setpoints_up() {
-        with_own_arm(|mut arm, lost| {
-            arm.read_joints().unwrap();
-            let mut stream = arm.into_stream();
-            let due = Instant::now();
-            let mut source = Source::Arm { due, period: PERIOD };
-            let target = Move {
-                joints: [(Position::CENTRE, Speed::SLOWEST); 6],
-                gripper: (Opening::CLOSED, GripperSpeed(1000)),
-            };
-            let (mut worst, mut sent, mut readings) = (Duration::ZERO, Instant::now(), 0);
-            for nth in 0..400 {
-                if [50, 51, 100, 150].contains(&nth) {
-                    lost.store(JOINTS_ANSWER, Ordering::Relaxed);
-                }
-                readings += source.receive(&mut stream).unwrap().len();
-                if sent.elapsed() >= PERIOD {
-                    stream.move_to(&target).unwrap();
-                    worst = worst.max(sent.elapsed());
-                    sent = Instant::now();
+        let mut port = Virtual::new();
+        let mut requests = Requests::new(port.now, PERIOD);
+        let at_rest = JointState {
+            joints: [2_048; JOINTS],
+            gripper: 0,
+            status: armwire::ling::MotionStatus::Locked,
+        };
+        let reading = |state: &JointState| Reading::new(0, state, Stroke::Mm50).unwrap();
+        let joints = joints(&crate::joint_states::DEFAULT_NAMES.map(str::to_owned));
+        let silence = Duration::from_millis(250);
+        let units = Units(Stroke::Mm50);
+        let mut motion = Motion::new(joints, JOINTS, units, silence, port.now, reading(&at_rest));
+        motion.accept(port.now, 0, order()).unwrap();
+        let (mut worst, mut sent, mut moves) = (Duration::ZERO, port.now, 0);
+        while port.now < Instant::from_millis(59_000) {
+            for state in requests.receive(port.now, &mut port).unwrap() {
+                motion.on_reading(port.now, &reading(&state));
+            }
+            while let Some(output) = motion.poll(port.now) {
+                if let Output::Move(next) = output {
+                    worst = worst.max(port.now.since(sent));
+                    (sent, moves) = (port.now, moves + 1);
+                    port.send(&Request::Move(next));
                 }
             }
-            println!("worst time between two setpoints: {worst:?}, {readings} readings");
-            assert!(worst < Duration::from_millis(60), "{worst:?}");
-        });
+        }
+        assert!(worst.as_micros() < 3 * MOVE_PERIOD.as_micros(), "{worst:?}");
+        let lost = port.requests - port.readings;
+        assert!(
+            (port.requests / 100..port.requests / 25).contains(&lost),
+            "{lost} of {}",
+            port.requests
+        );
+        assert!(moves > 5_000, "{moves}");
+        let joint = port.line.device_mut().joints()[0];
+        assert!((2_048 + 600..2_048 + 652).contains(&joint), "{joint}");
     }
 }

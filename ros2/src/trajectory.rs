@@ -1,4 +1,4 @@
-//! Trajectories: checked before the first motion, then interpolated. No clock and no I/O.
+//! Trajectories of ROS: checked before the first motion. No clock and no I/O.
 
 use std::time::Duration;
 
@@ -123,48 +123,20 @@ impl Refusal {
     }
 }
 
-/// Knots of a motion, in time since the start of a trajectory. Joints move at constant speed between two knots.
+/// A checked trajectory.
 #[derive(Debug, PartialEq)]
-pub(crate) struct Plan {
-    knots: Vec<Knot>,
+pub(crate) struct Path {
+    /// The pose at the start.
+    pub(crate) start: Vec<f64>,
+    pub(crate) knots: Vec<Knot>,
 }
 
-#[derive(Debug, PartialEq)]
-struct Knot {
-    at: Duration,
-    positions: Vec<f64>,
-}
-
-/// Targets and speeds of all joints.
-#[derive(Debug, PartialEq)]
-pub(crate) struct Setpoint {
+/// A point of a checked trajectory.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Knot {
+    /// Its time since the start.
+    pub(crate) at: Duration,
     pub(crate) positions: Vec<f64>,
-    pub(crate) speeds: Vec<f64>,
-}
-
-impl Plan {
-    /// The setpoint at a time since the start: the positions, and the speeds of the current segment. After the end, the
-    /// last point.
-    pub(crate) fn at(&self, elapsed: Duration) -> Setpoint {
-        let next = self.knots.partition_point(|knot| knot.at < elapsed);
-        let next = next.clamp(1, self.knots.len() - 1);
-        let (from, to) = (&self.knots[next - 1], &self.knots[next]);
-        let length = (to.at - from.at).as_secs_f64();
-        let passed = elapsed.saturating_sub(from.at).as_secs_f64().min(length);
-        let (mut positions, mut speeds) = (Vec::new(), Vec::new());
-        for (&from, &to) in from.positions.iter().zip(&to.positions) {
-            let speed = if length > 0.0 { (to - from) / length } else { 0.0 };
-            // Exactly the point at its time, without rounding.
-            positions.push(if passed >= length { to } else { from + speed * passed });
-            speeds.push(speed.abs());
-        }
-        Setpoint { positions, speeds }
-    }
-
-    /// The time of the last point.
-    pub(crate) fn end(&self) -> Duration {
-        self.knots.last().map_or(Duration::ZERO, |knot| knot.at)
-    }
 }
 
 /// Checks a trajectory for joints at `pose` when it starts.
@@ -180,19 +152,20 @@ pub(crate) fn check(
     required: usize,
     trajectory: &JointTrajectory,
     pose: &Pose,
-) -> Result<Plan, Refusal> {
+) -> Result<Path, Refusal> {
     let columns = columns(joints, required, &trajectory.joint_names)?;
     if trajectory.points.is_empty() {
         return Err(Refusal::NoPoint);
     }
     let starts = columns.iter().zip(&pose.positions).zip(&pose.goals);
     let starts = starts.map(|((column, &position), &goal)| if column.is_some() { position } else { goal });
-    let mut knots = vec![Knot {
+    let start = Knot {
         at: Duration::ZERO,
         positions: starts.collect(),
-    }];
+    };
+    let mut knots = Vec::new();
     for (nth, point) in trajectory.points.iter().enumerate() {
-        let before = &knots[knots.len() - 1];
+        let before = knots.last().unwrap_or(&start);
         let knot = Knot {
             at: time_from_start(nth, point.time_from_start)?,
             positions: positions(joints, &columns, nth, point, &before.positions)?,
@@ -207,7 +180,8 @@ pub(crate) fn check(
         }
         knots.push(knot);
     }
-    Ok(Plan { knots })
+    let start = start.positions;
+    Ok(Path { start, knots })
 }
 
 /// The column of each joint in a trajectory with these names; `None` for an omitted joint.
@@ -400,7 +374,7 @@ mod tests {
         }
     }
 
-    fn checked(trajectory: &JointTrajectory) -> Result<Plan, Refusal> {
+    fn checked(trajectory: &JointTrajectory) -> Result<Path, Refusal> {
         let pose = Pose {
             positions: vec![0.0, 0.0, 0.02],
             goals: vec![0.01, 0.01, 0.0],
@@ -408,8 +382,11 @@ mod tests {
         check(&joints(), 2, trajectory, &pose)
     }
 
-    fn plan(trajectory: &JointTrajectory) -> Plan {
-        checked(trajectory).unwrap()
+    /// The poses with their times in milliseconds, from the start on.
+    fn knots(trajectory: &JointTrajectory) -> Vec<(u128, Vec<f64>)> {
+        let Path { start, knots } = checked(trajectory).unwrap();
+        let knots = knots.into_iter().map(|knot| (knot.at.as_millis(), knot.positions));
+        [(0, start)].into_iter().chain(knots).collect()
     }
 
     fn refused(trajectory: &JointTrajectory) -> String {
@@ -425,48 +402,29 @@ mod tests {
     }
 
     #[test]
-    fn joints_move_straight_between_points() {
-        let plan = plan(&trajectory(&[point(1.0, &[1.0, -1.0]), point(3.0, &[1.0, 1.0])]));
-        let at = |millis| plan.at(Duration::from_millis(millis));
-        assert_eq!(at(0).positions, [0.0, 0.0, 0.0]);
-        assert_eq!(
-            at(500),
-            Setpoint {
-                positions: vec![0.5, -0.5, 0.0],
-                speeds: vec![1.0, 1.0, 0.0]
-            }
-        );
-        assert_eq!(
-            at(2_000),
-            Setpoint {
-                positions: vec![1.0, 0.0, 0.0],
-                speeds: vec![0.0, 1.0, 0.0]
-            }
-        );
-        assert_eq!(plan.end(), Duration::from_secs(3));
-    }
-
-    #[test]
-    fn last_point_is_held_after_the_end() {
-        let plan = plan(&trajectory(&[point(1.0, &[1.0, -1.0])]));
-        assert_eq!(plan.at(Duration::from_secs(1)), plan.at(Duration::from_secs(500)));
-        assert_eq!(plan.at(Duration::from_secs(2)).positions, [1.0, -1.0, 0.0]);
+    fn trajectory_begins_at_the_arm() {
+        let knots = knots(&trajectory(&[point(1.0, &[1.0, -1.0]), point(3.0, &[1.0, 1.0])]));
+        let expected = [
+            (0, vec![0.0, 0.0, 0.0]),
+            (1_000, vec![1.0, -1.0, 0.0]),
+            (3_000, vec![1.0, 1.0, 0.0]),
+        ];
+        assert_eq!(knots, expected);
     }
 
     #[test]
     fn joints_may_be_in_any_order() {
         let mut mixed = trajectory(&[point(1.0, &[0.01, 0.2, 0.1])]);
         mixed.joint_names = ["gripper", "b", "a"].map(str::to_owned).to_vec();
-        assert_eq!(plan(&mixed).at(Duration::from_secs(1)).positions, [0.1, 0.2, 0.01]);
+        assert_eq!(knots(&mixed)[1], (1_000, vec![0.1, 0.2, 0.01]));
     }
 
     #[test]
     fn omitted_joints_keep_their_goals() {
         let mut gripper = trajectory(&[point(1.0, &[0.05])]);
         gripper.joint_names = vec!["gripper".to_owned()];
-        let plan = plan(&gripper);
-        assert_eq!(plan.at(Duration::ZERO).positions, [0.01, 0.01, 0.02]);
-        assert_eq!(plan.at(Duration::from_secs(1)).positions, [0.01, 0.01, 0.05]);
+        let expected = [(0, vec![0.01, 0.01, 0.02]), (1_000, vec![0.01, 0.01, 0.05])];
+        assert_eq!(knots(&gripper), expected);
     }
 
     #[test]

@@ -3,14 +3,15 @@
 use std::time::{Duration, Instant};
 
 use armwire::ling::legacy::{GripperState, Legacy, Response};
+use armwire::time;
 use armwire_host::describe::{Arm, legacy};
-use armwire_host::{LineErrors, Link};
+use armwire_host::{LineErrors, Link, SilenceLimit};
 
 use super::reading::{News, Source};
 use crate::error::Error;
 
-/// Maximum time without joints. Such an arm sends them 40 times per second.
-const SILENCE_TIMEOUT: Duration = Duration::from_millis(500);
+/// The time between two joints: such an arm sends them 40 times per second.
+const PERIOD: time::Duration = time::Duration::from_millis(25);
 
 /// A listener on the arm's line.
 pub(super) struct Listener {
@@ -35,7 +36,7 @@ impl Source for Listener {
 
     /// The newest received joints, or the next ones if there are none.
     fn read(&mut self) -> Result<News, Error> {
-        let until = Instant::now() + SILENCE_TIMEOUT;
+        let until = Instant::now() + Duration::from(SilenceLimit::REOPEN.at(PERIOD));
         let mut joints = None::<Vec<_>>;
         loop {
             let left = until.saturating_duration_since(Instant::now());

@@ -29,6 +29,7 @@ pub(crate) use output::Form;
 use polled::Polled;
 use reading::Source;
 pub(crate) use recorder::Recorder;
+pub(crate) use session::RETRY_PERIOD;
 use session::{Session, Watched};
 
 /// The arguments of `armwire monitor`.

@@ -5,8 +5,8 @@ use std::thread;
 use std::time::Duration;
 
 use armwire_bridge::time;
-use armwire_host::Connection;
 use armwire_host::stopwatch::Stopwatch;
+use armwire_host::{Connection, SilenceLimit};
 
 use super::model::{Adapter, Latest, Model};
 use super::output::{Form, Output, Step};
@@ -21,10 +21,8 @@ use crate::remedies::words;
 const CELSIUS_PERIOD: time::Duration = time::Duration::from_millis(5_000);
 const STROKE_PERIOD: time::Duration = time::Duration::from_millis(5_000);
 const ADAPTER_PERIOD: time::Duration = time::Duration::from_millis(1_000);
-/// Maximum silence at the beginning. After that a missing answer is an error, without a screen.
-const SILENCE_TIMEOUT: time::Duration = time::Duration::from_millis(2_000);
 /// Period of attempts to open a lost port.
-const RETRY_PERIOD: Duration = Duration::from_millis(500);
+pub(crate) const RETRY_PERIOD: Duration = Duration::from_millis(500);
 
 /// A source, until its port is lost.
 pub(super) struct Watched {
@@ -210,14 +208,14 @@ impl<'a> Session<'a> {
                 Ok(Step::Notice)
             }
             Ok(News::Nothing) => Ok(Step::Nothing),
-            // The line may be noisy, or the arm may be off for a while.
+            // The line may be noisy, or the arm may be off for a while. At the beginning it is given up.
             Err(Error::Host(armwire_host::Error::NoAnswer {
                 name,
                 cause,
                 hint,
                 bytes,
                 ..
-            })) if bytes > 0 || self.has_received || now < time::Instant::ZERO + SILENCE_TIMEOUT => {
+            })) if bytes > 0 || self.has_received || now < time::Instant::ZERO + SilenceLimit::STOP.least() => {
                 self.has_received |= bytes > 0;
                 self.model
                     .time_out(now, format!("{name}: {cause}: {}", hint.with(words)));
@@ -299,11 +297,11 @@ mod tests {
         .into()
     }
 
-    /// A session after [`SILENCE_TIMEOUT`], on a line with these numbers of bytes instead of answers.
+    /// A session after the time for a first answer, on a line with these numbers of bytes instead of answers.
     fn without_answers(bytes: &[usize]) -> Result<(), Error> {
         let stop = AtomicBool::new(false);
         let mut session = Session::new("PORT", Form::Json, None, &stop);
-        let before = Instant::now().checked_sub(2 * Duration::from(SILENCE_TIMEOUT));
+        let before = Instant::now().checked_sub(2 * Duration::from(SilenceLimit::STOP.least()));
         session.clock = Stopwatch(before.unwrap());
         bytes
             .iter()

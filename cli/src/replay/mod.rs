@@ -110,7 +110,7 @@ impl Replay {
             speed: self.speed,
         };
         let limits = Limits {
-            speed: self.max_speed,
+            speeds: [self.max_speed; JOINTS],
             ..Limits::REPLAY
         };
         let name = self.file.display().to_string();

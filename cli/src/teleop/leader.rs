@@ -10,12 +10,9 @@ use armwire_host::{Error as Host, Port, Stream};
 
 use super::arm::{open, prepare};
 use crate::error::Error;
-use crate::monitor::Recorder;
+use crate::monitor::{RETRY_PERIOD, Recorder};
 use crate::recording::Role;
 use crate::signals;
-
-/// Time between two attempts to open a lost port.
-const RETRY_PERIOD: Duration = Duration::from_millis(500);
 
 /// A leader on a port.
 pub(super) struct Leader<'a> {

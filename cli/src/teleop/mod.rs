@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use std::thread;
 use std::time::Duration;
 
-use armwire::ling::{JointState, Kind, Speed, TICKS_PER_TURN};
+use armwire::ling::{JOINTS, JointState, Kind, Speed, TICKS_PER_TURN};
 use armwire::time;
 use armwire_host::follow::{End, Follow, Output, Pause, Progress, Start};
 use armwire_host::stopwatch::Stopwatch;
@@ -78,7 +78,7 @@ impl Teleop {
         print_line(format_args!("{} leads {}; Ctrl-C ends it", self.leader, self.follower))?;
 
         let limits = Limits {
-            speed: self.max_speed,
+            speeds: [self.max_speed; JOINTS],
             step: self.max_step,
         };
         let start = match self.no_approach {

@@ -18,7 +18,7 @@ use crate::arm::legacy;
 use crate::arm::pose::OnPose;
 use crate::arm::stop;
 use crate::error::text::Text;
-use crate::error::{Error, Silence, TorqueOffEffect};
+use crate::error::{Error, SilentMotion, TorqueOffEffect};
 use crate::ports::control::Adapter;
 use crate::ports::link::{Interrupt, LineErrors, Link};
 use crate::ports::port::Connection;
@@ -469,7 +469,7 @@ impl Ling {
         });
         Error::Unanswered {
             name: self.link.name().into(),
-            silence: Box::new(Silence { cause, last, stopped }),
+            silence: Box::new(SilentMotion { cause, last, stopped }),
         }
     }
 

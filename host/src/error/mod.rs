@@ -77,7 +77,7 @@ pub enum Error {
     /// A request was sent, but no reading shows its effect.
     NoEffect { name: Outside, cause: EffectError },
     /// The arm in motion did not answer for [`Ling::SILENCE`](crate::Ling::SILENCE), and was asked to stop.
-    Unanswered { name: Outside, silence: Box<Silence> },
+    Unanswered { name: Outside, silence: Box<SilentMotion> },
     /// The arm did not reach its target within the limit. It may move on.
     NotReached {
         name: Outside,
@@ -107,10 +107,10 @@ pub enum Error {
     Unsupported { name: Outside, version: u16 },
 }
 
-/// Silence of an arm in motion.
+/// The motion of an arm that fell silent.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
-pub struct Silence {
+pub struct SilentMotion {
     /// The cause of the last missing answer.
     pub cause: Text,
     /// The last reading since the move, if there is one.

@@ -9,8 +9,9 @@ use std::fmt;
 use armwire::ling::{JOINTS, JointState, MotionStatus, Move, Opening};
 use armwire::time::{Duration, Instant};
 
-use crate::motion::goal::{APPROACH_SPEED, Deviation, Goal, Limits, degrees, farthest, seconds};
-use crate::time::pace::Pace;
+use crate::motion::axes::{AXES, Off, degrees, farthest, seconds};
+use crate::motion::engine::{self, Engine, Fault, Next, Seen, Source};
+use crate::motion::goal::{Limits, Target, TrackingLimit, Way};
 use crate::time::silence::SilenceLimit;
 
 /// The time for the first readings.
@@ -68,7 +69,7 @@ pub enum Pause {
     /// A joint of the leader, from 1, is too far ahead, at this distance in degrees.
     LeaderAhead(u8, f64),
     /// A joint of the follower was away from its goal by 10° for 0.5 s.
-    Deviation(Deviation),
+    TrackingError(Off),
 }
 
 impl fmt::Display for Pause {
@@ -77,8 +78,8 @@ impl fmt::Display for Pause {
             Self::LeaderLate(age) => write!(f, "no pose of the leader for {:.2} s", seconds(age)),
             Self::FollowerLate(age) => write!(f, "no pose of the follower for {:.2} s", seconds(age)),
             Self::LeaderAhead(joint, degrees) => write!(f, "joint {joint} of the leader is {degrees:.0}° ahead"),
-            Self::Deviation(Deviation { joint, ticks }) => {
-                let degrees = degrees(f64::from(ticks));
+            Self::TrackingError(Off { axis, distance, .. }) => {
+                let (joint, degrees) = (axis + 1, degrees(distance));
                 write!(
                     f,
                     "joint {joint} of the follower is {degrees:.1}° away from its goal: is something in its way?"
@@ -140,17 +141,25 @@ impl error::Error for End {}
 /// ```
 #[derive(Clone, Debug)]
 pub struct Follow {
+    engine: Engine,
+    script: Script,
+    /// The joints of the follower's last reading.
+    follower: Option<[u16; JOINTS]>,
+    lag: Option<Duration>,
+}
+
+/// The source of the follower's targets.
+#[derive(Clone, Debug)]
+struct Script {
     limits: Limits,
     start: Start,
-    pace: Pace,
     phase: Phase,
-    /// The time of the first poll.
-    begun: Option<Instant>,
+    /// The end of the time for the first readings, from the first poll on.
+    deadline: Option<Instant>,
+    silence: Duration,
     leader: Option<Reading>,
-    follower: Option<Reading>,
     /// The leader's last poses, the oldest first.
     history: VecDeque<(Instant, [u16; JOINTS])>,
-    lag: Option<Duration>,
 }
 
 /// A reading, and the time at which it was made.
@@ -160,11 +169,11 @@ struct Reading {
     state: JointState,
 }
 
-#[derive(Clone, Debug)]
+#[derive(Clone, Copy, Debug)]
 enum Phase {
     Starting,
-    Approaching(Goal),
-    Following(Goal),
+    Approaching,
+    Following,
     Waiting(Pause),
     Ended(End),
 }
@@ -172,15 +181,19 @@ enum Phase {
 impl Follow {
     /// Teleoperation with a move per `period`.
     pub fn new(limits: Limits, start: Start, period: Duration) -> Self {
+        let silence = SilenceLimit::PAUSE.at(period);
         Self {
-            limits,
-            start,
-            pace: Pace::new(period),
-            phase: Phase::Starting,
-            begun: None,
-            leader: None,
+            engine: Engine::new(period, silence, [None; AXES]),
+            script: Script {
+                limits,
+                start,
+                phase: Phase::Starting,
+                deadline: None,
+                silence,
+                leader: None,
+                history: VecDeque::new(),
+            },
             follower: None,
-            history: VecDeque::new(),
             lag: None,
         }
     }
@@ -190,28 +203,23 @@ impl Follow {
         if state.positions().is_err() {
             return;
         }
-        self.leader = Some(Reading { at, state: *state });
-        self.history.push_back((at, state.joints));
-        while self.history.front().is_some_and(|(kept, _)| at.since(*kept) > HISTORY) {
-            self.history.pop_front();
+        let Script { leader, history, .. } = &mut self.script;
+        *leader = Some(Reading { at, state: *state });
+        history.push_back((at, state.joints));
+        while history.front().is_some_and(|(kept, _)| at.since(*kept) > HISTORY) {
+            history.pop_front();
         }
     }
 
     /// Takes a reading of the follower that was made at `at`.
     pub fn on_follower(&mut self, at: Instant, state: &JointState) {
-        if state.status.is_torque_off() {
-            self.phase = match self.phase {
-                Phase::Ended(end) => Phase::Ended(end),
-                _ => Phase::Ended(End::TorqueOff(state.status)),
-            };
-            return;
-        }
+        self.engine.on_joints(at, state);
         if state.positions().is_err() {
             return;
         }
-        self.follower = Some(Reading { at, state: *state });
-        self.lag = match self.phase {
-            Phase::Following(_) => self.lag_of(at, &state.joints),
+        self.follower = Some(state.joints);
+        self.lag = match self.script.phase {
+            Phase::Following => self.script.lag_of(at, &state.joints),
             _ => None,
         };
     }
@@ -222,62 +230,31 @@ impl Follow {
     ///
     /// [`End`], and no move comes any more.
     pub fn poll(&mut self, now: Instant) -> Result<Output, End> {
-        let begun = *self.begun.get_or_insert(now);
-        if let Phase::Ended(end) = self.phase {
+        if let Phase::Ended(end) = self.script.phase {
             return Err(end);
         }
-        if self.pace.begin(now).is_none() {
-            return Ok(Output::Wait(self.pace.next()));
-        }
-        let (Some(leader), Some(follower)) = (self.leader, self.follower) else {
-            if now.since(begun) <= MAX_WAIT {
-                return Ok(Output::Wait(self.pace.next()));
+        self.script.deadline.get_or_insert(now + MAX_WAIT);
+        match self.engine.poll(now, &mut self.script) {
+            engine::Output::Move(next) => Ok(Output::Move(next)),
+            engine::Output::Wait(until) => Ok(Output::Wait(until)),
+            engine::Output::End(Ok(pause)) => {
+                self.engine.rest();
+                self.script.phase = Phase::Waiting(pause);
+                Ok(Output::Stop(pause))
             }
-            return Err(self.end(End::Unread));
-        };
-        if let Phase::Starting | Phase::Waiting(_) = self.phase {
-            self.begin(now, &leader, &follower, now.since(begun))?;
+            engine::Output::End(Err(end)) => {
+                self.script.phase = Phase::Ended(end);
+                Err(end)
+            }
         }
-        let is_approach = matches!(self.phase, Phase::Approaching(_));
-        let late = self.late(now, &leader, &follower);
-        let (Phase::Approaching(goal) | Phase::Following(goal)) = &mut self.phase else {
-            return Ok(Output::Wait(self.pace.next()));
-        };
-        let target = leader.state.joints.map(f64::from);
-        let (joint, ahead) = farthest(goal.ticks(), &target);
-        let pause = if late.is_some() {
-            late
-        } else if !is_approach && ahead > FAR {
-            Some(Pause::LeaderAhead(joint as u8 + 1, degrees(ahead)))
-        } else {
-            goal.deviation(follower.at, &follower.state).map(Pause::Deviation)
-        };
-        if let Some(pause) = pause {
-            self.phase = Phase::Waiting(pause);
-            return Ok(Output::Stop(pause));
-        }
-        let limits = Limits {
-            speed: match is_approach {
-                true => self.limits.speed.min(APPROACH_SPEED),
-                false => self.limits.speed,
-            },
-            ..self.limits
-        };
-        // A reading beyond the open end stands for that end.
-        let gripper = leader.state.opening().unwrap_or(Opening::OPEN);
-        let next = goal.advance(now, &target, gripper, &limits, &follower.state, self.pace.period());
-        if is_approach && farthest(goal.ticks(), &target).1 <= NEAR {
-            self.phase = Phase::Following(goal.clone());
-        }
-        Ok(Output::Move(next))
     }
 
     /// State of the follower.
     pub fn progress(&self) -> Progress {
-        match self.phase {
+        match self.script.phase {
             Phase::Starting | Phase::Ended(_) => Progress::Starting,
-            Phase::Approaching(_) => Progress::Approaching(self.distance()),
-            Phase::Following(_) => Progress::Following,
+            Phase::Approaching => Progress::Approaching(self.distance()),
+            Phase::Following => Progress::Following,
             Phase::Waiting(pause) => Progress::Waiting(pause, self.distance()),
         }
     }
@@ -288,39 +265,73 @@ impl Follow {
         self.lag
     }
 
-    fn end(&mut self, end: End) -> End {
-        self.phase = Phase::Ended(end);
-        end
-    }
-
-    /// Begins to follow, if the arms are near, or for the first time.
-    fn begin(&mut self, now: Instant, leader: &Reading, follower: &Reading, waited: Duration) -> Result<(), End> {
-        if self.late(now, leader, follower).is_some() {
-            return match self.phase {
-                Phase::Starting if waited > MAX_WAIT => Err(self.end(End::Unread)),
-                _ => Ok(()),
-            };
-        }
-        let Ok(goal) = Goal::of(now, &follower.state) else {
-            return Ok(());
-        };
-        let (joint, distance) = farthest(goal.ticks(), &leader.state.joints.map(f64::from));
-        self.phase = match (&self.phase, self.start) {
-            _ if distance <= NEAR => Phase::Following(goal),
-            (Phase::Starting, Start::Approach) => Phase::Approaching(goal),
-            (Phase::Starting, Start::Refuse) => return Err(self.end(End::Far(joint as u8 + 1, degrees(distance)))),
-            _ => return Ok(()),
-        };
-        Ok(())
-    }
-
     /// The distance of the farthest joint, in degrees; 0 before the first readings.
     fn distance(&self) -> f64 {
-        let joints = |reading: &Option<Reading>| reading.map(|reading| reading.state.joints.map(f64::from));
-        match (joints(&self.leader), joints(&self.follower)) {
-            (Some(leader), Some(follower)) => degrees(farthest(&leader, &follower).1),
+        match (self.script.leader, self.follower) {
+            (Some(leader), Some(follower)) => {
+                let [leader, follower] = [leader.state.joints, follower].map(|joints| joints.map(f64::from));
+                degrees(farthest(&leader, &follower).1)
+            }
             _ => 0.0,
         }
+    }
+}
+
+impl Source for Script {
+    /// A pause, or the end of teleoperation.
+    type End = Result<Pause, End>;
+
+    fn next(&mut self, now: Instant, _: Duration, arm: &Seen) -> Next<Self::End> {
+        let Some(leader) = self.leader else {
+            return self.unread(now).map_or(Next::Rest, Next::End);
+        };
+        let age = now.since(leader.at);
+        let is_late = age > self.silence;
+        let target = leader.state.joints.map(f64::from);
+        let (joint, distance) = farthest(&arm.goal, &target);
+        let (joint, off) = (joint as u8 + 1, degrees(distance));
+        let is_near = distance <= NEAR;
+        self.phase = match (self.phase, self.start) {
+            (Phase::Starting | Phase::Waiting(_), _) if is_late => {
+                return self.unread(now).map_or(Next::Rest, Next::End);
+            }
+            _ if is_late => return Next::End(Ok(Pause::LeaderLate(age))),
+            (Phase::Following, _) if distance > FAR => return Next::End(Ok(Pause::LeaderAhead(joint, off))),
+            (Phase::Following, _) => Phase::Following,
+            _ if is_near => Phase::Following,
+            (Phase::Approaching, _) | (Phase::Starting, Start::Approach) => Phase::Approaching,
+            (Phase::Starting, Start::Refuse) => return Next::End(Err(End::Far(joint, off))),
+            _ => return Next::Rest,
+        };
+        // A reading beyond the open end stands for that end.
+        let gripper = leader.state.opening().unwrap_or(Opening::OPEN);
+        Next::Go(Target {
+            joints: target,
+            gripper: Some(gripper.per_mille().into()),
+            way: Way::Within(match self.phase {
+                Phase::Approaching => self.limits.of_approach(),
+                _ => self.limits,
+            }),
+            tracking: TrackingLimit::DEFAULT,
+        })
+    }
+
+    fn on_fault(&mut self, now: Instant, fault: Fault) -> Option<Self::End> {
+        let is_moving = matches!(self.phase, Phase::Approaching | Phase::Following);
+        match fault {
+            Fault::TorqueOff(status) => Some(Err(End::TorqueOff(status))),
+            Fault::Silent(age) if is_moving => Some(Ok(Pause::FollowerLate(age))),
+            Fault::TrackingError(off) => Some(Ok(Pause::TrackingError(off))),
+            Fault::Silent(_) | Fault::Position(_) => self.unread(now),
+        }
+    }
+}
+
+impl Script {
+    /// The end, if the time for the first readings is over.
+    fn unread(&self, now: Instant) -> Option<Result<Pause, End>> {
+        let is_over = self.deadline.is_some_and(|deadline| now > deadline);
+        (matches!(self.phase, Phase::Starting) && is_over).then_some(Err(End::Unread))
     }
 
     /// The age at `at` of the leader's pose that is nearest to this one. The newest of those that are about as near.
@@ -333,16 +344,5 @@ impl Follow {
         let least = poses().map(|(_, pose)| distance(pose)).min()?;
         let nearest = poses().find(|(_, pose)| distance(pose) <= least + Move::JOINT_TOLERANCE)?;
         Some(at.since(nearest.0))
-    }
-
-    /// The reason to rest, if an arm was not read for too long.
-    fn late(&self, now: Instant, leader: &Reading, follower: &Reading) -> Option<Pause> {
-        let limit = SilenceLimit::PAUSE.at(self.pace.period());
-        let ages = [now.since(leader.at), now.since(follower.at)];
-        match ages.map(|age| age > limit) {
-            [true, _] => Some(Pause::LeaderLate(ages[0])),
-            [_, true] => Some(Pause::FollowerLate(ages[1])),
-            [false, false] => None,
-        }
     }
 }

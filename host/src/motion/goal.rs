@@ -1,31 +1,24 @@
-//! Goals of a streamed motion: how far each may be from the one before, and how fast the joints go there.
+//! The goal of a streamed motion: how far it may be from the one before, how fast the joints go there, and which joint
+//! does not.
 
-use armwire::OutOfRange;
-use armwire::ling::{GripperSpeed, JOINTS, JointState, Move, Opening, Position, Speed, TICKS_PER_TURN};
+use armwire::ling::{GripperSpeed, JOINTS, Move, Speed};
 use armwire::time::{Duration, Instant};
 
-/// The gripper's speed, as in a stop.
-pub(crate) const GRIPPER_SPEED: GripperSpeed = GripperSpeed(1000);
+use crate::motion::axes::{AXES, Axes, Off, Ticks, Tolerance, off, opening, position, seconds};
+
+/// The gripper's speed, as the vendor's software always sends it. The goals of a stream limit the gripper: a lower speed
+/// only adds to its lag.
+const GRIPPER_SPEED: GripperSpeed = GripperSpeed(5500);
 /// The speed on the way to a motion: 20°/s.
-pub(crate) const APPROACH_SPEED: Speed = match Speed::for_move(228) {
-    Ok(speed) => speed,
-    Err(_) => Speed::SLOWEST,
-};
+const APPROACH_SPEED: Speed = speed(228);
 /// The time in which a joint makes up for its distance from the goal before, in seconds.
 const CATCH_UP_S: f64 = 0.05;
-/// Distance of a joint from its goal, in ticks, that is a deviation: 10°.
-const DEVIATION: u16 = 114;
-/// The time after which a deviation counts.
-const DEVIATION_TIME: Duration = Duration::from_millis(500);
-
-/// The joints' positions in ticks, and parts of a tick.
-pub(crate) type Ticks = [f64; JOINTS];
 
 /// The limits of a streamed motion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
-    /// Maximum speed of a joint and of its goals.
-    pub speed: Speed,
+    /// Maximum speed of each joint, and of its goals.
+    pub speeds: [Speed; JOINTS],
     /// Maximum distance between two goals of a joint, in ticks. It limits a program that was held up.
     pub step: u16,
 }
@@ -33,131 +26,173 @@ pub struct Limits {
 impl Limits {
     /// 90°/s, and 5° a step.
     pub const FOLLOW: Self = Self {
-        speed: match Speed::for_move(1_024) {
-            Ok(speed) => speed,
-            Err(_) => Speed::SLOWEST,
-        },
+        speeds: [speed(1_024); JOINTS],
         step: 56,
     };
 
     /// 180°/s, and 5° a step.
     pub const REPLAY: Self = Self {
-        speed: match Speed::for_move(2_048) {
-            Ok(speed) => speed,
-            Err(_) => Speed::SLOWEST,
-        },
+        speeds: [speed(2_048); JOINTS],
         step: 56,
+    };
+
+    /// Those on the way to a motion: 20°/s at most.
+    pub(crate) fn of_approach(&self) -> Self {
+        Self {
+            speeds: self.speeds.map(|speed| speed.min(APPROACH_SPEED)),
+            ..*self
+        }
+    }
+}
+
+/// The limit of the tracking error, which is the distance of an arm from its moving goal.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TrackingLimit {
+    /// The distance that counts as an error.
+    pub allowed: Tolerance,
+    /// The time after which it counts.
+    pub time: Duration,
+}
+
+impl TrackingLimit {
+    /// Any distance.
+    pub const ANY: Self = Self {
+        allowed: [None; AXES],
+        time: Duration::ZERO,
+    };
+    /// A joint is 10° away for 0.5 s: something is in its way. A gripper at an object does not reach its goal.
+    pub const DEFAULT: Self = {
+        let joint = Some(10.0 * 4_096.0 / 360.0);
+        Self {
+            allowed: [joint, joint, joint, joint, joint, joint, None],
+            time: Duration::from_millis(500),
+        }
     };
 }
 
-/// Degrees of so many ticks.
-pub(crate) fn degrees(ticks: f64) -> f64 {
-    ticks * 360.0 / f64::from(TICKS_PER_TURN)
+/// How the joints go to a target.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Way {
+    /// The goals go there within these limits, with speeds that bring an arm to the next one within a period and make up
+    /// for its distance from the last one.
+    Within(Limits),
+    /// The target is the goal, at these speeds: it was checked before.
+    At([Speed; JOINTS]),
 }
 
-/// Positions in ticks.
-pub(crate) fn ticks(positions: [Position; JOINTS]) -> Ticks {
-    positions.map(|position| position.ticks().into())
+/// Where the arm is to be at the next move.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Target {
+    /// The joints, in ticks.
+    pub joints: Ticks,
+    /// The gripper, in thousandths of its stroke; `None` keeps its goal.
+    pub gripper: Option<f64>,
+    /// How the joints go there.
+    pub way: Way,
+    /// The limit of the tracking error from now on.
+    pub tracking: TrackingLimit,
 }
 
-/// The joint that is farthest from another pose, from 0, and the distance in ticks.
-pub(crate) fn farthest(one: &Ticks, other: &Ticks) -> (usize, f64) {
-    let distances = one.iter().zip(other).map(|(one, other)| (one - other).abs());
-    let farther = |most: (usize, f64), next: (usize, f64)| if next.1 > most.1 { next } else { most };
-    distances.enumerate().fold((0, 0.0), farther)
-}
-
-/// The goal of a streamed motion, which moves within its limits.
+/// Where the last move sends each axis. An axis without a goal is where its reading is.
 #[derive(Clone, Debug)]
 pub(crate) struct Goal {
-    ticks: Ticks,
-    at: Instant,
-    /// The time since which a joint deviates, and that joint with its distance in ticks.
-    deviates: Option<(Instant, Deviation)>,
+    axes: [Option<Axis>; AXES],
+    /// The time of the last move.
+    moved: Option<Instant>,
+    tracking: TrackingLimit,
+    /// The time since which an axis is too far away, and that axis once this counts.
+    off: Option<(Instant, Option<Off>)>,
 }
 
-/// A joint that does not follow its goals.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Deviation {
-    /// The joint, from 1.
-    pub joint: u8,
-    /// Its distance from the goal, in ticks.
-    pub ticks: u16,
+#[derive(Clone, Copy, Debug)]
+struct Axis {
+    goal: f64,
+    /// The least distance of a reading so far.
+    nearest: f64,
 }
 
 impl Goal {
-    /// The pose of an arm, in a reading that arrived at `at`.
-    ///
-    /// # Errors
-    ///
-    /// [`OutOfRange`] for a pose that no move can express.
-    pub(crate) fn of(at: Instant, reading: &JointState) -> Result<Self, OutOfRange> {
-        Ok(Self {
-            ticks: ticks(reading.positions()?),
-            at,
-            deviates: None,
-        })
+    /// No goal.
+    pub(crate) const NONE: Self = Self {
+        axes: [None; AXES],
+        moved: None,
+        tracking: TrackingLimit::ANY,
+        off: None,
+    };
+
+    /// The goal of an arm at this pose.
+    pub(crate) fn axes(&self, pose: &Axes) -> Axes {
+        std::array::from_fn(|nth| self.axes[nth].map_or(pose[nth], |axis| axis.goal))
     }
 
-    pub(crate) fn ticks(&self) -> &Ticks {
-        &self.ticks
+    /// The axis that has been too far from its goal for too long.
+    pub(crate) fn tracking_error(&self) -> Option<Off> {
+        self.off.and_then(|(_, off)| off)
     }
 
-    /// Moves towards `target` with this speed at most. The move has speeds that bring an arm at `reading` to the new goal
-    /// within a period.
-    pub(crate) fn advance(
-        &mut self,
-        now: Instant,
-        target: &Ticks,
-        gripper: Opening,
-        limits: &Limits,
-        reading: &JointState,
-        period: Duration,
-    ) -> Move {
-        let max: f64 = limits.speed.ticks_per_second().into();
-        let step = (max * seconds(now.since(self.at))).min(limits.step.into());
-        self.at = now;
-        let joints = std::array::from_fn(|joint| {
-            let before = self.ticks[joint];
-            let way = target[joint] - before;
-            let goal = match way.abs() <= step {
-                true => target[joint],
-                false => before + step.copysign(way),
-            };
-            self.ticks[joint] = goal;
-            let late = (before - f64::from(reading.joints[joint])).abs();
-            let speed = (goal - before).abs() / seconds(period) + late / CATCH_UP_S;
-            (position(goal), speed_within(speed, limits.speed))
+    /// Takes the pose in a reading that was made at `at`. An axis that moves away from its goal by more than `drift` was
+    /// moved by another host: it has no goal any more.
+    pub(crate) fn on_pose(&mut self, at: Instant, pose: &Axes, drift: &Tolerance) {
+        let before = self.off;
+        self.off = off(&self.axes(pose), pose, &self.tracking.allowed).map(|off| {
+            let since = before.map_or(at, |(since, _)| since);
+            (since, (at.since(since) >= self.tracking.time).then_some(off))
         });
+        for nth in 0..AXES {
+            let Some(axis) = &mut self.axes[nth] else { continue };
+            let distance = (axis.goal - pose[nth]).abs();
+            axis.nearest = axis.nearest.min(distance);
+            if drift[nth].is_some_and(|drift| distance > axis.nearest + drift) {
+                self.axes[nth] = None;
+            }
+        }
+    }
+
+    /// Goes towards a target, with an arm at this pose.
+    pub(crate) fn advance(&mut self, now: Instant, target: &Target, pose: &Axes, period: Duration) -> Move {
+        let before = self.axes(pose);
+        let passed = self.moved.map_or(Duration::ZERO, |moved| now.since(moved));
+        let mut joints = std::array::from_fn(|_| (position(0.0), Speed::SLOWEST));
+        let mut goal = before;
+        for joint in 0..JOINTS {
+            let (to, from) = (target.joints[joint], before[joint]);
+            let speed = match target.way {
+                Way::At(speeds) => {
+                    goal[joint] = to;
+                    speeds[joint].max(Speed::SLOWEST)
+                }
+                Way::Within(limits) => {
+                    let max = limits.speeds[joint];
+                    let step = (f64::from(max.ticks_per_second()) * seconds(passed)).min(limits.step.into());
+                    goal[joint] = match (to - from).abs() <= step {
+                        true => to,
+                        false => from + step.copysign(to - from),
+                    };
+                    let late = (from - pose[joint]).abs();
+                    speed_within((goal[joint] - from).abs() / seconds(period) + late / CATCH_UP_S, max)
+                }
+            };
+            joints[joint] = (position(goal[joint]), speed);
+        }
+        goal[JOINTS] = target.gripper.unwrap_or(before[JOINTS]);
+        if self.tracking != target.tracking {
+            (self.tracking, self.off) = (target.tracking, None);
+        }
+        let nearest = f64::INFINITY;
+        self.axes = goal.map(|goal| Some(Axis { goal, nearest }));
+        self.moved = Some(now);
         Move {
             joints,
-            gripper: (gripper, GRIPPER_SPEED),
+            gripper: (opening(goal[JOINTS]), GRIPPER_SPEED),
         }
-    }
-
-    /// Takes a reading. Returns a joint that has been away from its goal by 10° for 0.5 s.
-    pub(crate) fn deviation(&mut self, at: Instant, reading: &JointState) -> Option<Deviation> {
-        let (joint, distance) = farthest(&self.ticks, &reading.joints.map(f64::from));
-        let deviation = Deviation {
-            joint: joint as u8 + 1,
-            ticks: distance as u16,
-        };
-        if deviation.ticks < DEVIATION {
-            self.deviates = None;
-            return None;
-        }
-        let (since, _) = *self.deviates.get_or_insert((at, deviation));
-        (at.since(since) >= DEVIATION_TIME).then_some(deviation)
     }
 }
 
-pub(crate) fn seconds(span: Duration) -> f64 {
-    span.as_micros() as f64 / 1e6
-}
-
-/// The position nearest to a goal, which is between positions.
-fn position(ticks: f64) -> Position {
-    Position::new((ticks + 0.5) as u16).unwrap_or(Position::MAX)
+const fn speed(ticks_per_second: u16) -> Speed {
+    match Speed::for_move(ticks_per_second) {
+        Ok(speed) => speed,
+        Err(_) => Speed::SLOWEST,
+    }
 }
 
 /// The speed of a joint that is to move, nearest to this one.
@@ -172,32 +207,42 @@ fn speed_within(ticks_per_second: f64, max: Speed) -> Speed {
 
 #[cfg(test)]
 mod tests {
-    use armwire::ling::MotionStatus;
-
     use super::*;
+    use crate::motion::axes::with_gripper;
 
-    fn reading(ticks: u16) -> JointState {
-        JointState {
-            joints: [ticks; JOINTS],
-            gripper: 0,
-            status: MotionStatus::Locked,
-        }
+    fn pose(ticks: f64) -> Axes {
+        with_gripper([ticks; JOINTS], 0.0)
     }
 
     const PERIOD: Duration = Duration::from_millis(10);
 
+    /// A goal that was sent to an arm at this position.
+    fn goal_at(ticks: f64) -> Goal {
+        let mut goal = Goal::NONE;
+        advance(&mut goal, Instant::ZERO, ticks, ticks, Limits::FOLLOW);
+        goal
+    }
+
+    fn advance(goal: &mut Goal, now: Instant, ticks: f64, at: f64, limits: Limits) -> Move {
+        let target = Target {
+            joints: [ticks; JOINTS],
+            gripper: Some(0.0),
+            way: Way::Within(limits),
+            tracking: TrackingLimit::DEFAULT,
+        };
+        goal.advance(now, &target, &pose(at), PERIOD)
+    }
+
     /// The first joint of the move after so many milliseconds without one.
     fn advanced(goal: &mut Goal, millis: u64, target: f64, at: u16) -> (u16, u16) {
-        let now = goal.at + Duration::from_millis(millis);
-        let limits = Limits::FOLLOW;
-        let target = goal.advance(now, &[target; JOINTS], Opening::CLOSED, &limits, &reading(at), PERIOD);
-        let (position, speed) = target.joints[0];
+        let now = goal.moved.unwrap() + Duration::from_millis(millis);
+        let (position, speed) = advance(goal, now, target, at.into(), Limits::FOLLOW).joints[0];
         (position.ticks(), speed.ticks_per_second())
     }
 
     #[test]
     fn steps_are_limited_by_speed_and_by_distance() {
-        let mut goal = Goal::of(Instant::ZERO, &reading(2_000)).unwrap();
+        let mut goal = goal_at(2_000.0);
         assert_eq!(advanced(&mut goal, 10, 4_000.0, 2_000), (2_010, 1_024));
         assert_eq!(advanced(&mut goal, 500, 4_000.0, 2_010), (2_066, 1_024));
         assert_eq!(advanced(&mut goal, 10, 0.0, 2_066).0, 2_056);
@@ -205,7 +250,7 @@ mod tests {
 
     #[test]
     fn speed_arrives_with_the_next_goal() {
-        let mut goal = Goal::of(Instant::ZERO, &reading(2_000)).unwrap();
+        let mut goal = goal_at(2_000.0);
         assert_eq!(advanced(&mut goal, 10, 2_005.0, 2_000), (2_005, 500));
         // Four ticks late, which are made up for in 50 ms.
         assert_eq!(advanced(&mut goal, 10, 2_010.0, 2_001), (2_010, 580));
@@ -214,28 +259,53 @@ mod tests {
 
     #[test]
     fn slow_goals_arrive_at_high_rates() {
-        let mut goal = Goal::of(Instant::ZERO, &reading(2_000)).unwrap();
+        let mut goal = goal_at(2_000.0);
         let limits = Limits {
-            speed: Speed::SLOWEST,
+            speeds: [Speed::SLOWEST; JOINTS],
             ..Limits::FOLLOW
         };
         for millis in 1..=1_000 {
-            let now = Instant::from_millis(millis);
-            let target = [2_100.0; JOINTS];
-            goal.advance(now, &target, Opening::CLOSED, &limits, &reading(2_000), PERIOD);
+            advance(&mut goal, Instant::from_millis(millis), 2_100.0, 2_000.0, limits);
         }
-        assert!((goal.ticks[0] - 2_050.0).abs() < 0.001, "{}", goal.ticks[0]);
+        let [joint, ..] = goal.axes(&pose(0.0));
+        assert!((joint - 2_050.0).abs() < 0.001, "{joint}");
     }
 
     #[test]
-    fn deviation_counts_after_half_a_second() {
-        let mut goal = Goal::of(Instant::ZERO, &reading(2_000)).unwrap();
-        let at = Instant::from_millis;
-        assert_eq!(goal.deviation(at(0), &reading(2_114)), None);
-        assert_eq!(goal.deviation(at(499), &reading(2_120)), None);
-        assert_eq!(goal.deviation(at(500), &reading(2_113)), None);
-        assert_eq!(goal.deviation(at(600), &reading(1_800)), None);
-        let deviation = Deviation { joint: 1, ticks: 200 };
-        assert_eq!(goal.deviation(at(1_100), &reading(1_800)), Some(deviation));
+    fn each_joint_has_its_own_limit() {
+        let mut goal = goal_at(2_000.0);
+        let mut limits = Limits::FOLLOW;
+        limits.speeds[3] = Speed::SLOWEST;
+        let next = advance(&mut goal, Instant::from_millis(100), 2_100.0, 2_000.0, limits);
+        let reached = next.joints.map(|(position, _)| position.ticks());
+        assert_eq!(reached, [2_056, 2_056, 2_056, 2_005, 2_056, 2_056]);
+        assert_eq!(next.joints[3].1, Speed::SLOWEST);
+    }
+
+    #[test]
+    fn tracking_error_counts_after_half_a_second() {
+        let mut goal = goal_at(2_000.0);
+        let mut error = |millis, at| {
+            goal.on_pose(Instant::from_millis(millis), &pose(at), &[None; AXES]);
+            goal.tracking_error().map(|off| (off.axis, off.distance))
+        };
+        assert_eq!(error(0, 2_114.0), None);
+        assert_eq!(error(499, 2_120.0), None);
+        assert_eq!(error(500, 2_113.0), None);
+        assert_eq!(error(600, 1_800.0), None);
+        assert_eq!(error(1_100, 1_800.0), Some((0, 200.0)));
+    }
+
+    #[test]
+    fn axis_that_is_moved_away_gives_its_goal_up() {
+        let mut goal = goal_at(2_000.0);
+        let drift = [Some(30.0); AXES];
+        let mut held = |at| {
+            goal.on_pose(Instant::ZERO, &pose(at), &drift);
+            goal.axes(&pose(at))[0]
+        };
+        // It comes nearer, to 10 ticks.
+        assert_eq!([2_100.0, 2_010.0, 2_040.0].map(&mut held), [2_000.0; 3]);
+        assert_eq!([2_041.0, 2_060.0].map(held), [2_041.0, 2_060.0]);
     }
 }

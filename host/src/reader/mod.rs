@@ -216,7 +216,9 @@ impl<A: Readable> Reader<A> {
         Self {
             arm: arm.clone(),
             history: Arc::new(History::new()),
-            max_age: SilenceLimit::POSE.at(time::Duration::from_micros(rate.micros())).into(),
+            max_age: SilenceLimit::STALE
+                .at(time::Duration::from_micros(rate.micros()))
+                .into(),
             stop: Arc::default(),
             thread: None,
         }

@@ -2,7 +2,8 @@
 
 use armwire::time::{Duration, Instant};
 
-/// Maximum wait for an answer. An arm answers within a millisecond, and a line adds some: CAN most.
+/// Maximum wait for one answer: a limit of the answer, not of the arm's silence. An arm answers within a millisecond, and
+/// a line adds some: CAN most.
 const MAX_WAIT: Duration = Duration::from_millis(100);
 /// Maximum number of readings that may be unanswered at once. More would fill a line that is slower than the rate.
 const MAX_UNANSWERED: usize = 8;

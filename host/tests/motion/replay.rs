@@ -5,7 +5,8 @@ use std::sync::OnceLock;
 use armwire::ling::{JOINTS, JointState, MotionStatus, Opening, Request, Torque};
 use armwire::time::{Duration, Instant};
 use armwire_host::Limits;
-use armwire_host::replay::{Failure, Motion, Output, Point, Progress, Range, Replay};
+use armwire_host::engine::Fault;
+use armwire_host::replay::{Motion, Output, Point, Progress, Range, Replay};
 use armwire_sim::faults::Rates;
 use armwire_sim::ling::Config;
 
@@ -65,7 +66,7 @@ impl Run {
     }
 
     /// Runs for one step. Returns false after the end.
-    fn step(&mut self) -> Result<bool, Failure> {
+    fn step(&mut self) -> Result<bool, Fault> {
         for reading in self.arm.readings(self.now) {
             self.replay.on_reading(self.now, &reading);
         }
@@ -170,7 +171,7 @@ fn arm_without_torque_is_sent_no_move() {
             break failure;
         }
     };
-    assert!(matches!(failure, Failure::TorqueOff(_)), "{failure:?}");
+    assert!(matches!(failure, Fault::TorqueOff(_)), "{failure:?}");
     assert_eq!(run.goal, None);
     assert_eq!(run.replay.poll(run.now), Err(failure));
 }
@@ -187,7 +188,7 @@ fn silent_arm_ends_a_replay() {
             break failure;
         }
     };
-    assert!(matches!(failure, Failure::Silent(_)), "{failure:?}");
+    assert!(matches!(failure, Fault::Silent(_)), "{failure:?}");
     assert!(run.now < Instant::from_millis(2_300), "{:?}", run.now);
 }
 
@@ -210,7 +211,7 @@ fn arm_that_is_held_back_ends_a_replay() {
             break failure;
         }
     };
-    assert!(matches!(failure, Failure::Deviation(_)), "{failure:?}");
+    assert!(matches!(failure, Fault::TrackingError(_)), "{failure:?}");
     assert!(run.now < Instant::from_millis(6_000), "{:?}", run.now);
 }
 

@@ -6,15 +6,12 @@
 mod motion;
 mod tracking;
 
-use std::error;
-use std::fmt;
-
-use armwire::OutOfRange;
-use armwire::ling::{JointState, MotionStatus, Move, Opening};
+use armwire::ling::{JointState, Move};
 use armwire::time::{Duration, Instant};
 
-use crate::motion::goal::{APPROACH_SPEED, Deviation, Goal, Limits, degrees, farthest, seconds};
-use crate::time::pace::Pace;
+use crate::motion::axes::{AXES, degrees, farthest, joints};
+use crate::motion::engine::{self, Engine, Fault, Next, Seen, Source};
+use crate::motion::goal::{Target, TrackingLimit, Way};
 use crate::time::silence::SilenceLimit;
 
 pub use motion::{Motion, Point, Range, Refusal};
@@ -46,39 +43,6 @@ pub enum Progress {
     /// The motion was made.
     Done,
 }
-
-/// The reason why a replay ended. The arm is to be stopped, except without torque.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[non_exhaustive]
-pub enum Failure {
-    /// The torque is off, as in this status.
-    TorqueOff(MotionStatus),
-    /// No reading came for this time.
-    Silent(Duration),
-    /// A joint was away from its goal by 10° for 0.5 s.
-    Deviation(Deviation),
-    /// No move can express the arm's pose at the start.
-    Position(OutOfRange),
-}
-
-impl fmt::Display for Failure {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::TorqueOff(status) => write!(f, "the torque is off (status {status})"),
-            Self::Silent(age) => write!(f, "no reading of the joints for {:.2} s", seconds(*age)),
-            Self::Deviation(Deviation { joint, ticks }) => {
-                let degrees = degrees(f64::from(*ticks));
-                write!(
-                    f,
-                    "joint {joint} is {degrees:.1}° away from its goal: is something in its way?"
-                )
-            }
-            Self::Position(error) => write!(f, "the arm's pose cannot be held: {error}"),
-        }
-    }
-}
-
-impl error::Error for Failure {}
 
 /// A replay of a motion: it goes to the first pose at 20°/s, and then makes the motion in time.
 ///
@@ -114,25 +78,18 @@ impl error::Error for Failure {}
 /// ```
 #[derive(Clone, Debug)]
 pub struct Replay {
-    motion: Motion,
-    is_endless: bool,
-    pace: Pace,
-    phase: Phase,
-    /// `None` before the first reading.
-    arm: Option<Arm>,
-    /// The time of the first poll.
-    begun: Option<Instant>,
-    tracking: Tracking,
+    engine: Engine,
+    script: Script,
+    failure: Option<Fault>,
 }
 
-/// The arm that moves.
+/// The source of a replay's targets.
 #[derive(Clone, Debug)]
-struct Arm {
-    goal: Goal,
-    gripper: Opening,
-    /// The last reading, and its time.
-    reading: JointState,
-    at: Instant,
+struct Script {
+    motion: Motion,
+    is_endless: bool,
+    phase: Phase,
+    tracking: Tracking,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -145,30 +102,31 @@ enum Phase {
     /// The arm is at the last pose, until this time.
     Rest(Instant),
     Done,
-    Failed(Failure),
 }
 
 impl Replay {
     /// A replay with a move per `period`, which begins again after its end if it `is_endless`.
     pub fn new(motion: Motion, period: Duration, is_endless: bool) -> Self {
         Self {
-            motion,
-            is_endless,
-            pace: Pace::new(period),
-            phase: Phase::Approach,
-            arm: None,
-            begun: None,
-            tracking: Tracking::default(),
+            engine: Engine::new(period, SilenceLimit::FAIL.at(period), [None; AXES]),
+            script: Script {
+                motion,
+                is_endless,
+                phase: Phase::Approach,
+                tracking: Tracking::default(),
+            },
+            failure: None,
         }
     }
 
     /// Takes a reading of the joints that was made at `at`.
     pub fn on_reading(&mut self, at: Instant, reading: &JointState) {
-        if let Phase::Done | Phase::Failed(_) = self.phase {
-            return;
-        }
-        if let Err(failure) = self.take(at, reading) {
-            self.phase = Phase::Failed(failure);
+        self.engine.on_joints(at, reading);
+        if let Phase::Play(start) = self.script.phase
+            && start <= at
+        {
+            let pose = self.script.motion.joints(at.since(start));
+            self.script.tracking.add(&pose, reading);
         }
     }
 
@@ -176,95 +134,75 @@ impl Replay {
     ///
     /// # Errors
     ///
-    /// [`Failure`], and no move comes any more.
-    pub fn poll(&mut self, now: Instant) -> Result<Output, Failure> {
-        let begun = *self.begun.get_or_insert(now);
-        match self.phase {
-            Phase::Done => return Ok(Output::Done),
-            Phase::Failed(failure) => return Err(failure),
-            Phase::Approach | Phase::Pause(_) | Phase::Play(_) | Phase::Rest(_) => {}
-        }
-        let age = now.since(self.arm.as_ref().map_or(begun, |arm| arm.at));
-        if age > SilenceLimit::FAILURE.at(self.pace.period()) {
-            let failure = Failure::Silent(age);
-            self.phase = Phase::Failed(failure);
+    /// [`Fault`], and no move comes any more. The arm is to be stopped, except without torque.
+    pub fn poll(&mut self, now: Instant) -> Result<Output, Fault> {
+        if let Some(failure) = self.failure {
             return Err(failure);
         }
-        if self.pace.begin(now).is_none() {
-            return Ok(Output::Wait(self.pace.next()));
+        if let Phase::Done = self.script.phase {
+            return Ok(Output::Done);
         }
-        self.phase = self.next_phase(now);
-        let Some(arm) = &mut self.arm else {
-            return Ok(Output::Wait(self.pace.next()));
-        };
-        let (motion, period) = (&self.motion, self.pace.period());
-        let (at, limits) = match self.phase {
-            // The pose at the time of the next move.
-            Phase::Play(start) => ((now + period).since(start), *motion.limits()),
-            Phase::Rest(_) => (motion.length(), *motion.limits()),
-            Phase::Approach | Phase::Pause(_) => (Duration::ZERO, approach(motion.limits())),
-            Phase::Done | Phase::Failed(_) => return Ok(Output::Done),
-        };
-        arm.gripper = motion.gripper(at).unwrap_or(arm.gripper);
-        let target = motion.joints(at);
-        let next = arm
-            .goal
-            .advance(now, &target, arm.gripper, &limits, &arm.reading, period);
-        Ok(Output::Move(next))
+        match self.engine.poll(now, &mut self.script) {
+            engine::Output::Move(next) => Ok(Output::Move(next)),
+            engine::Output::Wait(until) => Ok(Output::Wait(until)),
+            engine::Output::End(Ok(())) => Ok(Output::Done),
+            engine::Output::End(Err(fault)) => Err(*self.failure.insert(fault)),
+        }
     }
 
     /// State of the replay.
     pub fn progress(&self, now: Instant) -> Progress {
-        match (&self.arm, self.phase) {
+        let motion = &self.script.motion;
+        match (self.engine.seen(), self.script.phase) {
+            _ if self.failure.is_some() => Progress::Done,
             (None, _) => Progress::Waiting,
             (Some(arm), Phase::Approach | Phase::Pause(_)) => {
-                let (_, distance) = farthest(&arm.reading.joints.map(f64::from), &self.motion.joints(Duration::ZERO));
+                let (_, distance) = farthest(&arm.pose, &motion.joints(Duration::ZERO));
                 Progress::Approaching(degrees(distance))
             }
-            (_, Phase::Play(start)) => Progress::Playing(now.since(start).min(self.motion.length())),
-            (_, Phase::Rest(_)) => Progress::Playing(self.motion.length()),
-            (_, Phase::Done | Phase::Failed(_)) => Progress::Done,
+            (_, Phase::Play(start)) => Progress::Playing(now.since(start).min(motion.length())),
+            (_, Phase::Rest(_)) => Progress::Playing(motion.length()),
+            (_, Phase::Done) => Progress::Done,
         }
     }
 
     /// The distances of the arm from the motion so far.
     pub fn tracking(&self) -> &Tracking {
-        &self.tracking
+        &self.script.tracking
     }
+}
 
-    fn take(&mut self, at: Instant, reading: &JointState) -> Result<(), Failure> {
-        if reading.status.is_torque_off() {
-            return Err(Failure::TorqueOff(reading.status));
-        }
-        let Some(arm) = &mut self.arm else {
-            self.arm = Some(Arm {
-                goal: Goal::of(at, reading).map_err(Failure::Position)?,
-                // As in a stop, a reading beyond the open end stands for that end.
-                gripper: reading.opening().unwrap_or(Opening::OPEN),
-                reading: *reading,
-                at,
-            });
-            return Ok(());
+impl Source for Script {
+    type End = Result<(), Fault>;
+
+    fn next(&mut self, now: Instant, period: Duration, arm: &Seen) -> Next<Self::End> {
+        self.phase = self.next_phase(now, arm);
+        let limits = *self.motion.limits();
+        let (at, limits) = match self.phase {
+            // The pose at the time of the next move.
+            Phase::Play(start) => ((now + period).since(start), limits),
+            Phase::Rest(_) => (self.motion.length(), limits),
+            Phase::Approach | Phase::Pause(_) => (Duration::ZERO, limits.of_approach()),
+            Phase::Done => return Next::End(Ok(())),
         };
-        (arm.reading, arm.at) = (*reading, at);
-        if let Phase::Play(start) = self.phase
-            && start <= at
-        {
-            self.tracking.add(&self.motion.joints(at.since(start)), reading);
-        }
-        match arm.goal.deviation(at, reading) {
-            Some(deviation) => Err(Failure::Deviation(deviation)),
-            None => Ok(()),
-        }
+        Next::Go(Target {
+            joints: self.motion.joints(at),
+            gripper: self.motion.gripper(at).map(|opening| opening.per_mille().into()),
+            way: Way::Within(limits),
+            tracking: TrackingLimit::DEFAULT,
+        })
     }
 
-    fn next_phase(&self, now: Instant) -> Phase {
+    fn on_fault(&mut self, _: Instant, fault: Fault) -> Option<Self::End> {
+        Some(Err(fault))
+    }
+}
+
+impl Script {
+    fn next_phase(&self, now: Instant, arm: &Seen) -> Phase {
         let length = self.motion.length();
         match self.phase {
-            Phase::Approach => match &self.arm {
-                Some(arm) if *arm.goal.ticks() == self.motion.joints(Duration::ZERO) => Phase::Pause(now + PAUSE),
-                _ => Phase::Approach,
-            },
+            Phase::Approach if joints(&arm.goal) == self.motion.joints(Duration::ZERO) => Phase::Pause(now + PAUSE),
             Phase::Pause(until) if until <= now => Phase::Play(now),
             Phase::Play(start) if start + length <= now => match self.is_endless {
                 true => Phase::Approach,
@@ -273,13 +211,5 @@ impl Replay {
             Phase::Rest(until) if until <= now => Phase::Done,
             phase => phase,
         }
-    }
-}
-
-/// The limits on the way to the first pose.
-fn approach(limits: &Limits) -> Limits {
-    Limits {
-        speed: limits.speed.min(APPROACH_SPEED),
-        ..*limits
     }
 }

@@ -6,7 +6,8 @@ use std::fmt;
 use armwire::ling::{JOINTS, Opening, Position, Speed};
 use armwire::time::{Duration, Instant};
 
-use crate::motion::goal::{Limits, Ticks, degrees, farthest, seconds, ticks};
+use crate::motion::axes::{Ticks, between, degrees, farthest, part, seconds, ticks};
+use crate::motion::goal::Limits;
 
 /// The longest time between two points in which a joint may move by more than a step.
 const GAP: Duration = Duration::from_millis(500);
@@ -214,13 +215,7 @@ impl Motion {
         let next = self.knots.partition_point(|knot| knot.at <= at);
         let from = &self.knots[next.saturating_sub(1)];
         let to = &self.knots[next.min(self.knots.len() - 1)];
-        let (length, passed) = (seconds(to.at) - seconds(from.at), seconds(at) - seconds(from.at));
-        let part = if length > 0.0 {
-            (passed / length).clamp(0.0, 1.0)
-        } else {
-            0.0
-        };
-        std::array::from_fn(|joint| from.ticks[joint] + (to.ticks[joint] - from.ticks[joint]) * part)
+        between(&from.ticks, &to.ticks, part(from.at, to.at, at))
     }
 
     /// The last goal of the gripper at this time.
@@ -231,7 +226,6 @@ impl Motion {
 
     /// Checks speeds and gaps. The points are those of the knots, with their times in the recording.
     fn check(&self, part: &[(Duration, &Point)]) -> Result<(), Refusal> {
-        let max: f64 = self.limits.speed.ticks_per_second().into();
         let step: f64 = self.limits.step.into();
         let mut later = 0;
         for (nth, knot) in self.knots.iter().enumerate() {
@@ -255,14 +249,21 @@ impl Motion {
             for end in [nth + 1, later] {
                 let Some(end) = self.knots.get(end) else { continue };
                 let within = span(knot.at, end.at);
-                let (joint, distance) = farthest(&knot.ticks, &end.ticks);
-                if distance > max * seconds(within) + step {
+                let max = self.limits.speeds.map(|speed| f64::from(speed.ticks_per_second()));
+                let jump = (0..JOINTS).map(|joint| {
+                    let distance = (end.ticks[joint] - knot.ticks[joint]).abs();
+                    (joint, distance, distance - max[joint] * seconds(within) - step)
+                });
+                let farther =
+                    |most: (usize, f64, f64), next: (usize, f64, f64)| if next.2 > most.2 { next } else { most };
+                let (joint, distance, excess) = jump.fold((0, 0.0, 0.0), farther);
+                if excess > 0.0 {
                     return Err(Refusal::Jump {
                         at,
                         joint: joint as u8 + 1,
                         degrees: degrees(distance),
                         within,
-                        max: self.limits.speed,
+                        max: self.limits.speeds[joint],
                     });
                 }
             }

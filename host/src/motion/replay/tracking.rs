@@ -2,7 +2,7 @@
 
 use armwire::ling::{JOINTS, JointState};
 
-use crate::motion::goal::{Ticks, degrees};
+use crate::motion::axes::{Ticks, degrees};
 
 /// The distances of readings from the motion at their times.
 #[derive(Clone, Debug, Default)]

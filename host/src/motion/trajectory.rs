@@ -1,0 +1,317 @@
+//! A trajectory: poses at their times, which an arm makes at constant speed from one to the next.
+
+use armwire::ling::{JOINTS, Speed};
+use armwire::time::{Duration, Instant};
+
+use crate::motion::axes::{Axes, Off, Tolerance, between, joints, off, part, seconds};
+use crate::motion::engine::{Fault, Next, Seen, Source};
+use crate::motion::goal::{Target, TrackingLimit, Way};
+
+/// A pose of a trajectory.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Knot {
+    /// Its time since the start.
+    pub at: Duration,
+    /// The pose.
+    pub axes: Axes,
+}
+
+/// The distances that are tolerated.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Tolerances {
+    /// The tracking error until the last pose.
+    pub path: Tolerance,
+    /// The deviation from the last pose after it.
+    pub goal: Tolerance,
+    /// The time after the last pose until the arm must be at it.
+    pub goal_time: Duration,
+}
+
+/// The end of a trajectory.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum End {
+    /// The arm is at the last pose.
+    Arrived,
+    /// An axis was not at the last pose in time: its deviation.
+    Away(Off),
+    /// A fault of the arm.
+    Fault(Fault),
+}
+
+/// A trajectory that is played. It was checked, and keeps its own speeds.
+#[derive(Clone, Debug)]
+pub struct Trajectory {
+    /// The pose at the beginning.
+    start: Axes,
+    /// The later poses.
+    knots: Vec<Knot>,
+    tolerances: Option<Tolerances>,
+    began: Instant,
+    /// The last pose was sent.
+    is_sent: bool,
+}
+
+impl Trajectory {
+    /// A trajectory from the pose `start` at `began`, whose times do not decrease. Without tolerances it ends with its last
+    /// pose, wherever the arm is.
+    pub fn new(start: Axes, knots: Vec<Knot>, tolerances: Option<Tolerances>, began: Instant) -> Self {
+        Self {
+            start,
+            knots,
+            tolerances,
+            began,
+            is_sent: false,
+        }
+    }
+
+    /// The pose at a time. After the end, the last one.
+    pub fn at(&self, now: Instant) -> Axes {
+        let elapsed = now.since(self.began);
+        let (from, to) = self.segment(elapsed);
+        between(&from.axes, &to.axes, part(from.at, to.at, elapsed))
+    }
+
+    /// True once the last pose was sent. The arm may not be there yet.
+    pub fn is_sent(&self) -> bool {
+        self.is_sent
+    }
+
+    /// Takes a pose of the arm at `at`. Returns the end, if it is at the last pose, or is not there in time.
+    pub fn on_pose(&self, at: Instant, pose: &Axes) -> Option<End> {
+        let tolerances = self.tolerances.as_ref().filter(|_| self.is_sent)?;
+        match off(&self.at(at), pose, &tolerances.goal) {
+            None => Some(End::Arrived),
+            Some(off) if at.since(self.began + self.length()) >= tolerances.goal_time => Some(End::Away(off)),
+            Some(_) => None,
+        }
+    }
+
+    fn length(&self) -> Duration {
+        self.knots.last().map_or(Duration::ZERO, |knot| knot.at)
+    }
+
+    /// The poses before and after a time since the beginning. After the end, the last two.
+    fn segment(&self, elapsed: Duration) -> (Knot, Knot) {
+        let last = self.knots.len().saturating_sub(1);
+        let next = self.knots.partition_point(|knot| knot.at < elapsed).min(last);
+        let start = Knot {
+            at: Duration::ZERO,
+            axes: self.start,
+        };
+        let from = match next {
+            0 => start,
+            _ => self.knots[next - 1],
+        };
+        (from, self.knots.get(next).copied().unwrap_or(start))
+    }
+
+    /// The speeds of the joints at a time since the beginning.
+    fn speeds(&self, elapsed: Duration) -> [Speed; JOINTS] {
+        let (from, to) = self.segment(elapsed);
+        let length = seconds(to.at) - seconds(from.at);
+        std::array::from_fn(|joint| match length > 0.0 {
+            true => {
+                let speed = (to.axes[joint] - from.axes[joint]).abs() / length;
+                Speed::new(speed.round() as u16).unwrap_or(Speed::MAX)
+            }
+            false => Speed::SLOWEST,
+        })
+    }
+}
+
+impl Source for Trajectory {
+    type End = End;
+
+    fn next(&mut self, now: Instant, _: Duration, _: &Seen) -> Next<End> {
+        if self.is_sent {
+            return match self.tolerances {
+                Some(_) => Next::Rest,
+                None => Next::End(End::Arrived),
+            };
+        }
+        let elapsed = now.since(self.began);
+        self.is_sent = elapsed >= self.length();
+        let tracking = match &self.tolerances {
+            Some(tolerances) if !self.is_sent => TrackingLimit {
+                allowed: tolerances.path,
+                time: Duration::ZERO,
+            },
+            _ => TrackingLimit::ANY,
+        };
+        let target = self.at(now);
+        Next::Go(Target {
+            joints: joints(&target),
+            gripper: Some(target[JOINTS]),
+            way: Way::At(self.speeds(elapsed)),
+            tracking,
+        })
+    }
+
+    fn on_fault(&mut self, _: Instant, fault: Fault) -> Option<End> {
+        Some(End::Fault(fault))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use armwire::ling::{JointState, MotionStatus, Move};
+
+    use super::*;
+    use crate::motion::axes::with_gripper;
+    use crate::motion::engine::{Engine, Output};
+
+    fn knot(millis: u64, joint: f64, gripper: f64) -> Knot {
+        Knot {
+            at: Duration::from_millis(millis),
+            axes: with_gripper([joint; JOINTS], gripper),
+        }
+    }
+
+    fn trajectory(knots: &[Knot], tolerances: Option<Tolerances>) -> Trajectory {
+        let start = with_gripper([2_000.0; JOINTS], 0.0);
+        Trajectory::new(start, knots.to_vec(), tolerances, Instant::ZERO)
+    }
+
+    /// The first joint, its speed, and the gripper.
+    fn at(trajectory: &Trajectory, millis: u64) -> (f64, u16, f64) {
+        let axes = trajectory.at(Instant::from_millis(millis));
+        let speeds = trajectory.speeds(Duration::from_millis(millis));
+        (axes[0], speeds[0].ticks_per_second(), axes[JOINTS])
+    }
+
+    #[test]
+    fn axes_move_straight_between_poses() {
+        let trajectory = trajectory(&[knot(1_000, 2_100.0, 0.0), knot(3_000, 1_700.0, 500.0)], None);
+        let poses = [0, 500, 1_000, 2_000].map(|millis| at(&trajectory, millis));
+        assert_eq!(
+            poses,
+            [
+                (2_000.0, 100, 0.0),
+                (2_050.0, 100, 0.0),
+                (2_100.0, 100, 0.0),
+                (1_900.0, 200, 250.0)
+            ]
+        );
+    }
+
+    #[test]
+    fn last_pose_is_held_after_the_end() {
+        let trajectory = trajectory(&[knot(1_000, 2_100.0, 30.0)], None);
+        assert_eq!(
+            [1_000, 500_000].map(|millis| at(&trajectory, millis)),
+            [(2_100.0, 100, 30.0); 2]
+        );
+    }
+
+    #[test]
+    fn first_pose_at_time_0_is_a_step() {
+        let trajectory = trajectory(&[knot(0, 2_010.0, 0.0), knot(1_000, 2_110.0, 0.0)], None);
+        assert_eq!([0, 500].map(|millis| at(&trajectory, millis).0), [2_010.0, 2_060.0]);
+    }
+
+    /// An arm at each goal at once, unless it is blocked.
+    struct Bench {
+        engine: Engine,
+        trajectory: Trajectory,
+        now: Instant,
+        state: JointState,
+        is_blocked: bool,
+        moves: Vec<Move>,
+    }
+
+    impl Bench {
+        fn new(path: Option<f64>) -> Self {
+            let tolerances = Tolerances {
+                path: [path; 7],
+                goal: [Some(30.0); 7],
+                goal_time: Duration::from_millis(500),
+            };
+            let mut bench = Self {
+                engine: Engine::new(Duration::from_millis(10), Duration::from_millis(250), [None; 7]),
+                trajectory: trajectory(&[knot(1_000, 2_100.0, 0.0)], Some(tolerances)),
+                now: Instant::ZERO,
+                state: JointState {
+                    joints: [2_000; JOINTS],
+                    gripper: 0,
+                    status: MotionStatus::Locked,
+                },
+                is_blocked: false,
+                moves: Vec::new(),
+            };
+            bench.engine.on_joints(bench.now, &bench.state);
+            bench
+        }
+
+        /// Runs until the end, and returns its time in milliseconds.
+        fn run(&mut self, until: u64, is_read: bool) -> Option<(u64, End)> {
+            while self.now < Instant::from_millis(until) {
+                self.now += Duration::from_millis(5);
+                let mut end = None;
+                match self.engine.poll(self.now, &mut self.trajectory) {
+                    Output::Move(next) => {
+                        self.moves.push(next);
+                        if !self.is_blocked {
+                            self.state.joints = next.joints.map(|(position, _)| position.ticks());
+                        }
+                    }
+                    Output::Wait(_) => {}
+                    Output::End(over) => end = Some(over),
+                }
+                if is_read {
+                    self.engine.on_joints(self.now, &self.state);
+                    let pose = self.engine.seen().unwrap().pose;
+                    end = end.or(self.trajectory.on_pose(self.now, &pose));
+                }
+                if let Some(end) = end {
+                    return Some((self.now.as_micros() / 1_000, end));
+                }
+            }
+            None
+        }
+    }
+
+    #[test]
+    fn arm_arrives_with_the_last_pose() {
+        let mut bench = Bench::new(Some(30.0));
+        assert_eq!(bench.run(3_000, true), Some((1_005, End::Arrived)));
+        assert_eq!(bench.state.joints, [2_100; JOINTS]);
+        assert!(
+            bench
+                .moves
+                .iter()
+                .all(|next| next.joints[0].1.ticks_per_second() == 100)
+        );
+    }
+
+    #[test]
+    fn arm_that_leaves_the_path_is_held_where_it_is() {
+        let mut bench = Bench::new(Some(30.0));
+        bench.is_blocked = true;
+        let (at, end) = bench.run(3_000, true).unwrap();
+        assert!((300..330).contains(&at), "{at}");
+        assert!(matches!(end, End::Fault(Fault::TrackingError(_))), "{end:?}");
+        let hold = bench.engine.hold(bench.now).unwrap();
+        assert_eq!(hold.joints.map(|(position, _)| position.ticks()), [2_000; JOINTS]);
+    }
+
+    #[test]
+    fn arm_that_does_not_arrive_in_time_is_away() {
+        let mut bench = Bench::new(None);
+        bench.is_blocked = true;
+        let off = Off {
+            axis: 0,
+            distance: 100.0,
+            allowed: 30.0,
+        };
+        assert_eq!(bench.run(3_000, true), Some((1_500, End::Away(off))));
+    }
+
+    #[test]
+    fn silent_arm_ends_a_trajectory() {
+        let mut bench = Bench::new(None);
+        bench.run(100, true);
+        let (at, end) = bench.run(3_000, false).unwrap();
+        assert!(matches!(end, End::Fault(Fault::Silent(_))), "{end:?}");
+        assert_eq!(at, 355);
+    }
+}
