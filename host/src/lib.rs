@@ -75,7 +75,7 @@ pub use armwire;
 pub use armwire_bridge as bridge;
 
 pub use arm::alpha1::Alpha1;
-pub use arm::ling::{Ling, Stream};
+pub use arm::ling::{Ling, MotionReadings, Stream, Switching};
 pub use arm::pose::{OnPose, Pose, XArmPose};
 pub use arm::shared::Shared;
 pub use arm::xarm::XArm;

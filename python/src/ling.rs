@@ -1,25 +1,58 @@
 //! A Ling arm on a port, in wire units.
 
 use std::num::NonZeroU32;
+use std::sync::Mutex;
 
 use armwire::ling::arrival::Tolerances;
+use armwire::ling::effect::Effect;
 use armwire::ling::stop::{Grip, Stopped};
 use armwire::ling::{
     self, GripperSpeed, JOINTS, JointState, Kind, MotionStatus, Move, Opening, Position, Speed, Stroke,
     TemperatureLimit, Torque,
 };
 use armwire::messages::Messages;
-use armwire_host::{Error, Ling};
+use armwire_host::{Error, Ling, MotionReadings, Switching};
 use pyo3::prelude::*;
 use pyo3::types::PyByteArray;
 
 use crate::error::{unacceptable, value_error};
 use crate::joints::{Joints, joints};
 use crate::reader::LingReader;
-use crate::session::{Session, check_signals};
+use crate::session::{Session, check_signals, lock};
 
 /// Bytes of an answer after its documented fields.
 type Extra = Vec<u8>;
+
+/// The readings of one wait for a motion.
+#[pyclass(frozen, module = "armwire._armwire")]
+#[derive(Default)]
+pub(crate) struct LingMotion(Mutex<MotionReadings>);
+
+#[pymethods]
+impl LingMotion {
+    #[new]
+    fn new() -> Self {
+        Self::default()
+    }
+}
+
+/// A request whose effect is read back.
+#[pyclass(frozen, module = "armwire._armwire")]
+pub(crate) struct LingSwitching(Mutex<Switching>);
+
+#[pymethods]
+impl LingSwitching {
+    #[staticmethod]
+    fn torque(on: bool) -> Self {
+        let torque = if on { Torque::On } else { Torque::Off };
+        Self(Mutex::new(Switching::new(Effect::Torque(torque))))
+    }
+
+    #[staticmethod]
+    fn zero() -> Self {
+        Self(Mutex::new(Switching::new(Effect::Zero)))
+    }
+}
 
 /// A Ling arm on a port.
 #[pyclass(frozen, module = "armwire._armwire")]
@@ -55,9 +88,12 @@ impl LingPort {
         self.read(py, Ling::read_joints)
     }
 
-    /// The joints. Refused if the torque went off after a move.
-    fn read_motion(&self, py: Python<'_>) -> PyResult<(Joints, Extra)> {
-        self.read(py, Ling::read_motion)
+    /// The joints in a wait, or `None` without an answer. Refused if the torque went off after a move.
+    fn read_motion(&self, py: Python<'_>, motion: &LingMotion) -> PyResult<Option<(Joints, Extra)>> {
+        self.0.with(py, |arm| {
+            let state = lock(&motion.0).read(arm)?;
+            Ok(state.map(|state| (joints(state), extra(arm))))
+        })
     }
 
     /// The joints alone, in the format of [`ling_angles`].
@@ -127,19 +163,15 @@ impl LingPort {
         })
     }
 
-    /// The reading that decided, its extra bytes, and a text if it does not show the torque.
-    fn set_torque(&self, py: Python<'_>, on: bool) -> PyResult<(Joints, Extra, Option<String>)> {
-        let torque = if on { Torque::On } else { Torque::Off };
+    /// The reading that decides, its extra bytes, and a text if it does not show the effect. `None` before.
+    fn read_back(&self, py: Python<'_>, switching: &LingSwitching) -> PyResult<Option<(Joints, Extra, Option<String>)>> {
         self.0.with(py, |arm| {
-            let outcome = arm.set_torque(torque)?;
-            let text = (!outcome.is_shown).then(|| format!("{}: {outcome}", arm.name()));
-            Ok((joints(outcome.state), extra(arm), text))
+            let outcome = lock(&switching.0).step(arm)?;
+            Ok(outcome.map(|outcome| {
+                let text = (!outcome.is_shown).then(|| format!("{}: {outcome}", arm.name()));
+                (joints(outcome.state), extra(arm), text)
+            }))
         })
-    }
-
-    /// The reading that shows the new zero.
-    fn set_zero(&self, py: Python<'_>) -> PyResult<(Joints, Extra)> {
-        self.read(py, |arm| Ok(arm.set_zero()?.state))
     }
 
     /// In millimetres.

@@ -1,17 +1,16 @@
 //! A Ling arm: its requests, and what a motion depends on.
 
 mod stream;
+mod wait;
 
 use std::fmt;
-use std::thread;
 use std::time::{Duration, Instant};
 
-use armwire::ling::arrival::{Arrival, Arrived, Tolerances};
-use armwire::ling::effect::{Effect, Outcome, Output};
+use armwire::ling::effect::{Effect, Outcome};
 use armwire::ling::stop::{Grip, Stopped};
 use armwire::ling::{
-    GripperSpeed, Info, JOINTS, JointState, Move, Opening, PerServo, Position, ReadBack, Request, SelfCheck, Speed,
-    Stroke, TemperatureLimit, Torque,
+    GripperSpeed, Info, JOINTS, JointState, Move, Opening, PerServo, Position, Request, SelfCheck, Speed, Stroke,
+    TemperatureLimit, Torque,
 };
 
 use crate::arm::legacy;
@@ -23,12 +22,9 @@ use crate::ports::control::Adapter;
 use crate::ports::link::{Interrupt, LineErrors, Link};
 use crate::ports::port::Connection;
 use crate::time::silence::SilenceLimit;
-use crate::time::stopwatch::Stopwatch;
 
 pub use stream::Stream;
-
-/// Period of the readings during a motion.
-const POLL_PERIOD: Duration = Duration::from_millis(20);
+pub use wait::{MotionReadings, Switching};
 
 /// A Ling arm on a port, which [`Connection::ling`] opens.
 ///
@@ -143,36 +139,6 @@ impl Ling {
         }
     }
 
-    /// Reads the joints of an arm in motion, as [`read_joints`](Self::read_joints) for an arm that was not moved: it may be
-    /// moved by hand.
-    ///
-    /// After a move, a missing or unacceptable answer costs one reading: the arm is read until it answers. After
-    /// [`SILENCE`](Self::SILENCE) it is asked to stop, as by [`stop`](Self::stop).
-    ///
-    /// # Errors
-    ///
-    /// [`Error::TorqueOff`] if the torque went off after a move. [`Error::Unanswered`] after the silence.
-    pub fn read_motion(&mut self) -> Result<JointState, Error> {
-        let Some(gripper) = self.gripper else {
-            return self.read_joints();
-        };
-        let begun = Instant::now();
-        loop {
-            match self.read_joints() {
-                Ok(state) if self.may_move => return Ok(state),
-                Ok(state) => return Err(self.without_torque(&state, TorqueOffEffect::MotionEnded)),
-                Err(error) => {
-                    let cause = stop::passing(error)?;
-                    if begun.elapsed() >= Self::SILENCE {
-                        return Err(self.unanswered(cause, gripper));
-                    }
-                }
-            }
-            self.link.check_interrupt()?;
-            thread::sleep(POLL_PERIOD);
-        }
-    }
-
     /// Reads the temperature of every servo, in °C.
     pub fn read_temperatures(&mut self) -> Result<PerServo<u8>, Error> {
         self.link.read(&Request::ReadTemperatures)
@@ -228,22 +194,6 @@ impl Ling {
         Ok(grip)
     }
 
-    /// Moves the arm, and waits until the joints and the gripper have [reached](Move::is_reached_by) the target, or until
-    /// the gripper has stood still for 1 s, for example at an object. The [interrupt](Self::set_interrupt) stops the arm.
-    ///
-    /// # Errors
-    ///
-    /// [`Error::NotReached`] at the first reading after `limit`: the arm may move on. [`Error::Stopped`] after an interrupt.
-    /// [`Error::TorqueOff`] if the torque is off, or goes off. [`Error::Unanswered`] if the arm falls silent, as in
-    /// [`read_motion`](Self::read_motion): it was asked to stop.
-    pub fn move_and_wait(&mut self, target: &Move, limit: Duration) -> Result<JointState, Error> {
-        let (gripper, _speed) = target.gripper;
-        self.stop_if_interrupted(gripper, |arm| {
-            arm.move_to(target)?;
-            arm.wait_for(target, limit)
-        })
-    }
-
     /// Runs `motion`, which gives the gripper this goal. If the [interrupt](Self::set_interrupt) returns an error meanwhile
     /// or afterwards, the arm is stopped, whatever `motion` returns.
     ///
@@ -260,6 +210,11 @@ impl Ling {
         self.link.check_interrupt()?;
         self.link.take_interrupted();
         let result = motion(self);
+        self.unless_interrupted(gripper, result)
+    }
+
+    /// The result, unless the interrupt reports an error now, or has since it was last taken: the arm is stopped then.
+    fn unless_interrupted<T, E: From<Error>>(&mut self, gripper: Opening, result: Result<T, E>) -> Result<T, E> {
         let checked = self.link.check_interrupt();
         let reason = match (checked, self.link.take_interrupted()) {
             (Err(Error::Interrupted(reason)), _) => reason,
@@ -299,7 +254,7 @@ impl Ling {
     ///
     /// [`Error::NoEffect`] if the arm shows for 0.5 s that the torque was not switched.
     pub fn set_torque(&mut self, torque: Torque) -> Result<Outcome, Error> {
-        self.set(Effect::Torque(torque))
+        self.switch(Effect::Torque(torque))
     }
 
     /// Makes the present pose the zero position, and reads it back. The arm switches its torque off, and falls.
@@ -308,7 +263,7 @@ impl Ling {
     ///
     /// [`Error::NoEffect`] if the joints are not at zero for 0.5 s.
     pub fn set_zero(&mut self) -> Result<Outcome, Error> {
-        self.set(Effect::Zero)
+        self.switch(Effect::Zero)
     }
 
     /// Sends the request that has this effect, and reads nothing back.
@@ -319,31 +274,6 @@ impl Ling {
             self.gripper = None;
         }
         Ok(())
-    }
-
-    fn set(&mut self, effect: Effect) -> Result<Outcome, Error> {
-        let clock = Stopwatch::start();
-        let mut read_back = ReadBack::new(effect);
-        loop {
-            match read_back.poll(clock.now()) {
-                Output::Request(Request::ReadJoints) => {
-                    let state = self.read_joints()?;
-                    read_back.on_joints(clock.now(), &state);
-                }
-                Output::Request(_) => self.send(effect)?,
-                Output::Wait(until) => {
-                    self.link.check_interrupt()?;
-                    thread::sleep(clock.until(until));
-                }
-                Output::Done(result) => {
-                    let name = self.link.name();
-                    return result.map_err(|cause| Error::NoEffect {
-                        name: name.into(),
-                        cause,
-                    });
-                }
-            }
-        }
     }
 
     /// Sets the stroke of the gripper.
@@ -434,30 +364,6 @@ impl Ling {
             Stopped::WithoutTorque(_) => self.gripper = None,
         }
         Ok(stopped)
-    }
-
-    /// Reads until the target is reached, or the gripper stands still at reached joints.
-    fn wait_for(&mut self, target: &Move, limit: Duration) -> Result<JointState, Error> {
-        let clock = Stopwatch::start();
-        let mut arrival = Arrival::new(*target, Tolerances::MOVE);
-        loop {
-            self.link.check_interrupt()?;
-            let state = self.read_motion()?;
-            let away = match arrival.on_joints(clock.now(), &state) {
-                Arrived::NotYet(away) => away,
-                Arrived::AtTarget | Arrived::GripperStandsStill(_) => return Ok(state),
-            };
-            if clock.0.elapsed() >= limit {
-                let name = self.link.name().into();
-                return Err(Error::NotReached {
-                    name,
-                    state,
-                    away,
-                    limit,
-                });
-            }
-            thread::sleep(POLL_PERIOD);
-        }
     }
 
     /// Stops an arm that is silent for this cause.
@@ -556,9 +462,10 @@ mod tests {
         }
     }
 
-    fn holding() -> Ling {
+    /// An arm on this line.
+    pub(super) fn ling(line: Box<dyn Line>) -> Ling {
         Ling {
-            link: Link::new(Box::new(Holding(false)), Protocol::CONFIG),
+            link: Link::new(line, Protocol::CONFIG),
             connection: crate::open("/dev/fake").unwrap(),
             gripper: None,
             may_move: false,
@@ -567,13 +474,17 @@ mod tests {
         }
     }
 
+    fn holding() -> Ling {
+        ling(Box::new(Holding(false)))
+    }
+
     #[test]
     fn every_read_of_the_joints_is_reported() {
         let (poses, reported) = mpsc::channel();
         let mut arm = holding();
         arm.on_pose = Some(Box::new(move |pose| poses.send(pose).unwrap()));
         let state = arm.read_joints().unwrap();
-        arm.read_motion().unwrap();
+        MotionReadings::default().read(&mut arm).unwrap();
         assert!(arm.read_joints_until(Instant::now()).unwrap());
         drop(arm);
         assert_eq!(reported.iter().collect::<Vec<_>>(), [state; 3]);

@@ -8,8 +8,8 @@ use crate::error::Error;
 /// An arm that several threads of a program use, one call at a time, such as its commands and a [`Reader`]. A clone is
 /// another handle of the same arm.
 ///
-/// Commands go first: a [`call`](Self::call) waits for the call that runs, and for at most one read of a reader. The
-/// reader waits for all calls.
+/// Commands go first: a [`call`](Self::call) waits for the call that runs, and for at most one read of a reader or of a
+/// [wait](Self::move_and_wait). These wait for all calls. A call that waits for a motion itself holds the arm meanwhile.
 ///
 /// [`Reader`]: crate::Reader
 pub struct Shared<A>(Arc<Inner<A>>);
@@ -71,6 +71,12 @@ impl<A> Shared<A> {
             Some(arm) => read(arm),
             None => Err(self.closed()),
         }
+    }
+
+    /// True if a call waits for the arm.
+    #[cfg(test)]
+    pub(crate) fn is_awaited(&self) -> bool {
+        *lock(&self.0.waiting) > 0
     }
 
     /// Waits for the arm, ahead of readers.
@@ -135,7 +141,7 @@ mod tests {
                 });
                 is_started.recv().unwrap();
                 // It waits now, or will at once.
-                while *lock(&shared.0.waiting) == 0 {
+                while !shared.is_awaited() {
                     thread::yield_now();
                 }
                 Ok(thread)

@@ -133,6 +133,7 @@ class Wait:
         self._targets = targets
         self._timeout_s = seconds(timeout_s)
         self._until = time.monotonic() + timeout_s
+        self.motion = _armwire.LingMotion()
 
     def has_arrived(self, state: JointState) -> bool:
         """Return true if every joint has arrived.
@@ -166,7 +167,7 @@ class Ling(Open):
     End     `close`, or the end of `with`
 
     Calls wait for the answer. Reads are retried twice and time out after 0.4 s. Other threads run during a call and may
-    use the same object: calls are serialised. Ctrl-C ends a call.
+    use the same object: calls are serialised, and a wait takes turns with them. Ctrl-C ends a call.
 
     Calls raise the exceptions of `armwire.errors`. A `UserWarning` reports an adapter on USB that has factory settings
     after crashed starts, unless another program has its control port.
@@ -354,10 +355,7 @@ class Ling(Open):
         Raises:
             RefusedError: The status shows that the torque was not switched.
         """
-        counts, extra, text = self._port.set_torque(on)
-        if text is not None:
-            warnings.warn(text, stacklevel=2)
-        return joint_state(counts, extra)
+        return self._read_back(_armwire.LingSwitching.torque(on))
 
     def set_zero(self) -> JointState:
         """Make the current pose zero, and read it back. The arm switches its torque off and falls: hold it.
@@ -368,7 +366,7 @@ class Ling(Open):
         Raises:
             RefusedError: The joints are not at zero within half a second.
         """
-        return joint_state(*self._port.set_zero())
+        return self._read_back(_armwire.LingSwitching.zero())
 
     def set_stroke_mm(self, stroke: int) -> None:
         """Set the gripper's stroke: 50, 75 or 100 mm."""
@@ -384,9 +382,14 @@ class Ling(Open):
 
     def _wait(self, wait: Wait) -> JointState:
         with self._stopped_by_ctrl_c():
-            while not wait.has_arrived(state := self._read_motion()):
+            while (state := self._read_motion(wait)) is None or not wait.has_arrived(state):
                 time.sleep(PERIOD_S)
         return state
+
+    def _read_back(self, switching: _armwire.LingSwitching) -> JointState:
+        while (read := self._port.read_back(switching)) is None:
+            time.sleep(PERIOD_S)
+        return switched(*read)
 
     @contextmanager
     def _stopped_by_ctrl_c(self) -> Iterator[None]:
@@ -407,15 +410,23 @@ class Ling(Open):
             return str(error)
         return f"{self.port}: {'the arm is without torque' if state.is_torque_off else 'Ctrl-C stopped the arm'}"
 
-    def _read_motion(self) -> JointState:
-        """Read the joints. Raises `RefusedError` if the torque went off after a move."""
-        return joint_state(*self._port.read_motion())
+    def _read_motion(self, wait: Wait) -> JointState | None:
+        """Read the joints; `None` without an answer. Raises `RefusedError` if the torque went off after a move."""
+        read = self._port.read_motion(wait.motion)
+        return None if read is None else joint_state(*read)
 
     def _move(self, ticks: list[int], speeds: list[int], gripper: int | None, gripper_speed: int) -> None:
         gripper = _gripper(gripper)
         gripper_speed = count("gripper speed in ticks/s", gripper_speed, 0xFFFF)
         if self._port.move_to(ticks, speeds, gripper, gripper_speed):
             _warn_of_grip(self.port, stacklevel=4)
+
+
+def switched(counts: tuple[tuple[int, ...], int, int], extra: bytes, text: str | None) -> JointState:
+    """Return the reading that decided. A text warns at the line that called the method of the caller."""
+    if text is not None:
+        warnings.warn(text, stacklevel=4)
+    return joint_state(counts, extra)
 
 
 def _warn_of_grip(port: str, *, stacklevel: int) -> None:

@@ -15,7 +15,7 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any, Concatenate, Generic, ParamSpec, TypeVar
 
-from . import _adapter, _alpha1, _ling, _xarm
+from . import _adapter, _alpha1, _armwire, _ling, _xarm
 from ._open import Open
 from ._units import DEG_PER_TICK, RAD_PER_TICK, position_ticks
 from .errors import ClosedError
@@ -116,8 +116,6 @@ class Ling(_Async[_ling.Ling]):
     move_deg = _call(_ling.Ling.move_deg)
     move_rad = _call(_ling.Ling.move_rad)
     stop = _call(_ling.Ling.stop)
-    set_torque = _call(_ling.Ling.set_torque)
-    set_zero = _call(_ling.Ling.set_zero)
     set_stroke_mm = _call(_ling.Ling.set_stroke_mm)
     set_temperature_limit_celsius = _call(_ling.Ling.set_temperature_limit_celsius)
     line_errors = _call(_ling.Ling.line_errors)
@@ -133,10 +131,28 @@ class Ling(_Async[_ling.Ling]):
         """Wait for angles in radians. See `wait_until_at_deg`."""
         return await self._wait(_ling.Wait(self.port, position_ticks(joints, RAD_PER_TICK, "rad"), timeout_s))
 
+    async def set_torque(self, on: bool) -> _ling.JointState:
+        """Switch the torque as `armwire.Ling.set_torque`, and take turns with other calls.
+
+        A cancelled call that has begun switches the torque, and does not read it back.
+        """
+        return await self._read_back(_armwire.LingSwitching.torque(on))
+
+    async def set_zero(self) -> _ling.JointState:
+        """Make the current pose the zero position as `armwire.Ling.set_zero`. See `set_torque`."""
+        return await self._read_back(_armwire.LingSwitching.zero())
+
     async def _wait(self, wait: _ling.Wait) -> _ling.JointState:
-        while not wait.has_arrived(state := await self._run(self._blocking._read_motion)):
+        read = functools.partial(self._blocking._read_motion, wait)
+        while (state := await self._run(read)) is None or not wait.has_arrived(state):
             await asyncio.sleep(_ling.PERIOD_S)
         return state
+
+    async def _read_back(self, switching: _armwire.LingSwitching) -> _ling.JointState:
+        step = functools.partial(self._blocking._port.read_back, switching)
+        while (read := await self._run(step)) is None:
+            await asyncio.sleep(_ling.PERIOD_S)
+        return _ling.switched(*read)
 
 
 class XArm(_Async[_xarm.XArm]):
