@@ -33,13 +33,15 @@ const CONFIG: Config = Config {
 const LISTEN: Duration = Duration::from_millis(100);
 /// Further listening time after each received byte.
 const LISTEN_ON: Duration = Duration::from_millis(500);
-/// Maximum age of the reading from which a motion starts.
+/// Maximum age of the reading from which a motion starts: the 150 ms after which a motion pauses on a PC
+/// (`SilenceLimit::PAUSE` of `armwire-host`, which is not for a browser), and three times the latency of a browser.
 const FRESH: Duration = Duration::from_millis(300);
 /// Maximum delay of the next target by a read in flight, from its transmission.
 const MAX_TARGET_DELAY: Duration = Duration::from_millis(20);
 /// Maximum delay of a stop or a change of the torque.
 const MAX_STOP_DELAY: Duration = Duration::from_millis(10);
-/// Time without an answer after which an arm is silent.
+/// Time without an answer after which the page shows an arm as silent: the period of the slow reads. Nothing that moves
+/// depends on it.
 const SILENT: Duration = Duration::from_millis(1_000);
 
 /// The periods of the reads. If several are due, the slowest is sent first.
