@@ -164,7 +164,11 @@ impl LingPort {
     }
 
     /// The reading that decides, its extra bytes, and a text if it does not show the effect. `None` before.
-    fn read_back(&self, py: Python<'_>, switching: &LingSwitching) -> PyResult<Option<(Joints, Extra, Option<String>)>> {
+    fn read_back(
+        &self,
+        py: Python<'_>,
+        switching: &LingSwitching,
+    ) -> PyResult<Option<(Joints, Extra, Option<String>)>> {
         self.0.with(py, |arm| {
             let outcome = lock(&switching.0).step(arm)?;
             Ok(outcome.map(|outcome| {

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
+from scripted import ScriptedArm
 
 import armwire
 from armwire import aio, errors, sim
@@ -68,6 +69,21 @@ def test_calls_take_their_turn_during_a_wait() -> None:
                     await wait
                 # The end of the wait is not the end of the motion.
                 assert (await arm.read_velocities_deg_s()).max() > 0
+
+    asyncio.run(run())
+
+
+def test_calls_take_their_turn_while_the_torque_is_read_back() -> None:
+    async def run() -> None:
+        # Its torque stays on.
+        with ScriptedArm(lambda _: 2048) as scripted:
+            async with await aio.Ling.open(scripted.port) as arm:
+                switch = asyncio.create_task(arm.set_torque(False))
+                await asyncio.sleep(0)
+                await arm.read_joints()
+                assert not switch.done()
+                with pytest.raises(errors.RefusedError):
+                    await switch
 
     asyncio.run(run())
 

@@ -9,7 +9,7 @@ use armwire::ling::Move;
 use armwire::time::{Duration, Instant};
 use armwire_host::engine::{self, Engine, Fault};
 use armwire_host::trajectory::{Knot, Trajectory};
-use armwire_host::{AXES, Off, trajectory as host};
+use armwire_host::{AXES, trajectory as host};
 use ros2_client::action::GoalId;
 
 use crate::joint_states::{Reading, Units};
@@ -266,31 +266,26 @@ impl Motion {
 
     /// Ends the trajectory that is played. An arm that does not follow it is held where it is.
     fn end_by(&mut self, now: Instant, end: host::End) {
-        let off = |off: Off| {
-            let joint = self.joints[off.axis].name.clone();
-            let [distance, allowed] = [off.distance, off.allowed].map(|units| units * self.units.of(off.axis));
-            (joint, distance, allowed)
-        };
-        let abort = match end {
-            host::End::Fault(Fault::TorqueOff(_)) => return self.abort(&Abort::TorqueLost),
-            host::End::Fault(Fault::TrackingError(error)) => {
-                let (joint, distance, allowed) = off(error);
-                Abort::Path {
-                    joint,
-                    distance,
-                    allowed,
-                }
-            }
-            host::End::Away(deviation) => {
-                let (joint, distance, allowed) = off(deviation);
-                Abort::Goal {
-                    joint,
-                    distance,
-                    allowed,
-                }
-            }
-            host::End::Fault(fault) => return self.end_playing(End::Aborted(Abort::ArmLost(fault.to_string()))),
+        let (off, is_path) = match end {
             host::End::Arrived => return self.end_playing(End::Finished),
+            host::End::Fault(Fault::TorqueOff(_)) => return self.abort(&Abort::TorqueLost),
+            host::End::Fault(Fault::TrackingError(error)) => (error, true),
+            host::End::Away(deviation) => (deviation, false),
+            host::End::Fault(fault) => return self.end_playing(End::Aborted(Abort::ArmLost(fault.to_string()))),
+        };
+        let joint = self.joints[off.axis].name.clone();
+        let [distance, allowed] = [off.distance, off.allowed].map(|units| units * self.units.of(off.axis));
+        let abort = match is_path {
+            true => Abort::Path {
+                joint,
+                distance,
+                allowed,
+            },
+            false => Abort::Goal {
+                joint,
+                distance,
+                allowed,
+            },
         };
         self.outputs.extend(self.engine.hold(now).map(Output::Move));
         self.end_playing(End::Aborted(abort));
@@ -303,8 +298,11 @@ impl Motion {
                 let setpoint = self.units.positions(&playing.trajectory.at(starts));
                 (setpoint.clone(), setpoint)
             }
-            (_, Some(arm)) => (self.reading.positions.clone(), self.units.positions(&arm.goal)),
-            (_, None) => (self.reading.positions.clone(), self.reading.positions.clone()),
+            (_, arm) => {
+                let positions = self.reading.positions.clone();
+                let goals = arm.map(|arm| self.units.positions(&arm.goal));
+                (positions.clone(), goals.unwrap_or(positions))
+            }
         };
         trajectory::check(&self.joints, self.required, trajectory, &Pose { positions, goals })
     }
