@@ -26,7 +26,7 @@ const TESTS: [&str; 36] = [
     "host-tests/tests/image/stop.rs",
     "host-tests/tests/image/teleop.rs",
     "host/src/motion/goal.rs",
-    "host/src/ports/link.rs",
+    "host/src/ports/link/calls.rs",
     "host/src/motion/replay/motion.rs",
     "host/src/arm/stop.rs",
     "host/tests/ling.rs",
