@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::{BufRead as _, BufReader, IsTerminal as _};
+use std::io::{BufReader, IsTerminal as _, Read};
 use std::path::Path;
 
 use armwire::ling::{JOINTS, JointState, Ling, Move, Opening, Position, Request, Response, Stroke};
@@ -103,18 +103,21 @@ pub(super) fn read(path: &Path, topic: Option<&str>, are_readings: bool) -> Resu
     }
     let is_folder = file.metadata().map_err(failed)?.is_dir();
     let mut file = BufReader::new(file);
-    let begin = if is_folder {
-        &[]
-    } else {
-        file.fill_buf().map_err(failed)?
-    };
-    if is_folder || begin.starts_with(PARQUET) {
+    let mut magic = Vec::new();
+    if !is_folder {
+        file.by_ref()
+            .take(mcap::MAGIC.len() as u64)
+            .read_to_end(&mut magic)
+            .map_err(failed)?;
+    }
+    if is_folder || magic.starts_with(PARQUET) {
         let reason = "this is no MCAP file: the repository has tools/lerobot_to_mcap.py for a LeRobot data set";
         return Err(refused(reason.to_owned()));
     }
-    if !begin.starts_with(mcap::MAGIC) {
+    if magic != mcap::MAGIC {
         return Err(refused("this is no MCAP file".to_owned()));
     }
+    let mut file = magic.chain(file);
     let mut tracks = Tracks {
         name: &name,
         schemas: BTreeMap::new(),
