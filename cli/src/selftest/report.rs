@@ -102,6 +102,9 @@ impl Check {
     }
 }
 
+/// The result of a check.
+pub(super) type Checked = Result<Passed, Trouble>;
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -135,6 +138,3 @@ mod tests {
         );
     }
 }
-
-/// The result of a check.
-pub(super) type Checked = Result<Passed, Trouble>;
