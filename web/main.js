@@ -2,6 +2,7 @@
 
 import { AXES, Engine, GRIPPER } from './engine.js';
 import { Link, now } from './link.js';
+import { motionText } from './motion_text.js';
 import { VirtualPort } from './virtual.js';
 import * as serial from './serial.js';
 import { KEYS, Holds, listenToButton, listenToKeys, whilePressed } from './holds.js';
@@ -24,25 +25,6 @@ const TORQUE_OFF_HOLD = 1000;
 const HOT = 70;
 // Counters that do not indicate errors.
 const GOOD_COUNTERS = 4;
-const BLOCK_TEXTS = {
-  disabled: 'Motion is off. Enable it to move the arm.',
-  'no reading': 'No fresh reading: the arm does not move.',
-  'torque off': 'Torque is off: the arm does not move.',
-  'out of range': 'A position is out of range: the arm does not move.',
-};
-const STOP_TEXTS = {
-  stopping: 'The arm is being stopped.',
-  stopped: 'Stopped. Hold a key or button to move.',
-  'grip may loosen': 'Stopped. The gripper holds its reading: a grip may have loosened.',
-  'without torque': 'Torque is off: nothing was sent.',
-  failed: 'The arm may still move. Switch its supply off.',
-};
-// A confirmed torque is in the status.
-const TORQUE_TEXTS = {
-  'not shown': 'The torque request was sent. The status does not show its effect.',
-  contradicted: 'The torque request was sent. The status shows that it had no effect.',
-  'no reading': 'The torque request was sent. No reading came to show its effect.',
-};
 const STATE_TEXTS = {
   listening: 'listening',
   silent: 'no answer',
@@ -528,12 +510,9 @@ class Page {
     const block = this.#link.port ? this.#engine.block(at) : 'no reading';
     const isHeld = this.#axes.some((_, axis) => this.#holds.direction(axis) !== 0);
     const output = element('block');
-    const stop = this.#engine.stopState();
-    const hasFailed = stop === 'failed';
-    const torque = TORQUE_TEXTS[this.#engine.torqueState()];
-    output.classList.toggle('warn', hasFailed || torque !== undefined || (block !== null && isHeld));
-    const text = block && !hasFailed ? BLOCK_TEXTS[block] : STOP_TEXTS[stop];
-    set(output, torque ?? text ?? 'Hold a key or button to move. Release it to stop.');
+    const { text, isWarning } = motionText(block, this.#engine.stopState(), this.#engine.torqueState());
+    output.classList.toggle('warn', isWarning || (block !== null && isHeld));
+    set(output, text);
   }
 
   #showFacts(time) {

@@ -13,6 +13,7 @@ const { Engine, AXES } = await load('engine.js');
 const { FrameLog, hex, keyOf } = await load('frames.js');
 const { Holds, KEYS } = await load('holds.js');
 const { distanceToSee, forward, identity, lookAt, multiply, perspective, place, pose, rotation } = await load('kinematics.js');
+const { motionText } = await load('motion_text.js');
 const { History, range } = await load('plots.js');
 
 const near = (a, b) => assert.ok(a.length === b.length && a.every((value, i) => Math.abs(value - b[i]) < 1e-9), `${a} is not ${b}`);
@@ -88,6 +89,21 @@ test('rows of readings have their verdicts', async () => {
     }
     assert.equal(session.torqueState(), verdict.replace('-', ' '), row);
   }
+});
+
+test('a failed stop is shown before the torque', async () => {
+  const bench = new Bench(await engine());
+  bench.run(1000);
+  const session = bench.engine;
+  let { now } = bench;
+  session.setTorque(now, false);
+  session.stop(now + 100_000);
+  // The cable is out.
+  for (; now < 8_000_000; now += 1000) while (session.transmit(now).length > 0);
+  assert.deepEqual([session.stopState(), session.torqueState()], ['failed', 'no reading']);
+  const { text, isWarning } = motionText(null, session.stopState(), session.torqueState());
+  assert.match(text, /may still move/);
+  assert.ok(isWarning);
 });
 
 test('a held axis moves and a released one stops', async () => {
