@@ -1,27 +1,28 @@
-//! How long an arm may be silent before each reaction, in one place.
+//! The limits of an arm's silence, one for each reaction.
 
 use armwire::time::Duration;
 
-/// A limit of the time without a reading. It is three periods of the readings at least: a slow reader is not a silent arm.
+/// A limit of the time without a reading, and the reaction after it. A reaction that costs more has a longer limit.
 ///
-/// Each limit is that of a reaction. The reactions to a longer silence cost more, so their limits are longer.
+/// [`STALE`](Self::STALE) to [`REOPEN`](Self::REOPEN) are limits of readings at a rate. They are three periods at least: a
+/// slow reader is not a silent arm.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SilenceLimit(Duration);
 
 impl SilenceLimit {
-    /// After it, a pose is stale, and is not given as the newest one. An answer takes 1 ms, and CAN adds tens: a reading
+    /// A pose becomes stale, and is not given as the newest one. An answer takes 1 ms, and CAN adds tens: a reading
     /// that comes later was lost, and the reader has given it up.
     pub const STALE: Self = Self(Duration::from_millis(100));
-    /// After it, teleoperation pauses: the follower is stopped, and follows again when both arms are read. It outlasts
+    /// Teleoperation pauses: the follower is stopped, and follows again when both arms are read. It outlasts
     /// the loss of ten readings in a row, and a leader moved at 90°/s is 14° ahead by then.
     pub const PAUSE: Self = Self(Duration::from_millis(150));
-    /// After it, a motion in time fails, and its time is lost. It outlasts a hiccup of a busy computer: 164 ms
+    /// A motion in time fails, and its time is lost. It outlasts a hiccup of a busy computer: 164 ms
     /// were seen. A pause can be resumed, a failure cannot.
     pub const FAIL: Self = Self(Duration::from_millis(250));
-    /// After it, a port is opened again, which takes tenths of a second in which nothing is read. It is the adapter's
+    /// A port is opened again, which takes tenths of a second in which nothing is read. It is the adapter's
     /// default for a silent host.
     pub const REOPEN: Self = Self(Duration::from_millis(500));
-    /// After it, an arm that is waited for is given up: one in motion is asked to stop. The wait outlasts a call with its
+    /// An arm that is waited for is given up: one in motion is asked to stop. The wait outlasts a call with its
     /// repeats and the late answer several times.
     pub const STOP: Self = Self(Duration::from_millis(2_000));
 
