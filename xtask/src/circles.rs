@@ -2,22 +2,17 @@
 //!
 //! A file imports another if it names an item that the other defines, however it is re-exported. It does not if it only
 //! declares or re-exports, and tests are ignored. In [`FOLDERS`] a folder stands for its files, and is held to the same.
+//!
+//! Files are read as tokens: a field or a variant counts as an import if a glob brings an item of its name into scope.
 
-use std::collections::{BTreeMap, BTreeSet, HashSet};
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::mem;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, ensure};
-use proc_macro2::{TokenStream, TokenTree};
-use quote::ToTokens;
+use anyhow::{Context, Result, anyhow, ensure};
+use proc_macro2::{Delimiter, Punct, Spacing, TokenStream, TokenTree};
 use serde_json::Value;
-use syn::parse::{ParseStream, Parser};
-use syn::punctuated::Punctuated;
-use syn::visit::{self, Visit};
-use syn::{
-    Attribute, Expr, ImplItem, Item, ItemMod, ItemUse, Lit, Meta, MetaNameValue, Stmt, Token, UseTree, Visibility,
-};
 
 use crate::cargo::cargo;
 use crate::process::output;
@@ -35,12 +30,9 @@ pub(crate) fn check() -> Result<()> {
     let mut circles = BTreeSet::new();
     let mut files = 0;
     for workspace in [""].into_iter().chain(ALONE) {
-        let metadata = output(&mut cargo(&format!(
-            "metadata --no-deps --format-version 1 {workspace}"
-        )))?;
-        let metadata: Value = serde_json::from_str(&metadata)?;
-        let packages = metadata["packages"].as_array().context("no packages")?;
-        for package in packages {
+        let metadata = format!("metadata --no-deps --format-version 1 {workspace}");
+        let metadata: Value = serde_json::from_str(&output(&mut cargo(&metadata))?)?;
+        for package in metadata["packages"].as_array().context("no packages")? {
             for target in package["targets"].as_array().into_iter().flatten() {
                 let file = target["src_path"].as_str().context("a target without a file")?;
                 let imports = Crate::read(Path::new(file))?.imports();
@@ -66,21 +58,17 @@ fn circles_of_files(imports: &Imports) -> Vec<String> {
     let mut rest: BTreeSet<_> = imports.keys().collect();
     let mut circles = Vec::new();
     while let Some(first) = rest.pop_first() {
-        let circle: BTreeSet<_> = reached(imports, first)
-            .into_iter()
-            .filter(|file| reached(imports, file).contains(first))
-            .collect();
+        let mut circle = reached(imports, first);
+        circle.retain(|file| reached(imports, file).contains(first));
         rest.retain(|file| !circle.contains(file));
-        let mut text = String::new();
+        let mut text = format!("{} files:\n", circle.len());
         for from in &circle {
             for (to, names) in imports[*from].iter().filter(|(to, _)| circle.contains(to)) {
                 let names: Vec<_> = names.iter().map(String::as_str).collect();
                 text += &format!("{} -> {}: {}\n", shown(from), shown(to), names.join(", "));
             }
         }
-        if !text.is_empty() {
-            circles.push(format!("{} files:\n{text}", circle.len()));
-        }
+        circles.extend(Some(text).filter(|_| !circle.is_empty()));
     }
     circles
 }
@@ -88,36 +76,32 @@ fn circles_of_files(imports: &Imports) -> Vec<String> {
 /// The circles between the files and folders in each folder, as text.
 fn circles_of_folders(imports: &Imports) -> Vec<String> {
     let folders: BTreeSet<_> = imports.keys().flat_map(|file| file.ancestors().skip(1)).collect();
-    let mut circles = Vec::new();
-    for folder in folders {
+    let circles = folders.into_iter().flat_map(|folder| {
         // The entry of the folder that a file is, or lies in.
         let entry = |file: &Path| Some(folder.join(file.strip_prefix(folder).ok()?.components().next()?));
         let mut entries = Imports::new();
-        for (from, to) in imports {
-            let Some(from) = entry(from) else { continue };
-            let imported = entries.entry(from.clone()).or_default();
-            for (to, names) in to {
-                if let Some(to) = entry(to).filter(|to| *to != from) {
-                    imported.entry(to).or_default().extend(names.iter().cloned());
-                }
+        for (from, imported) in imports {
+            for (to, names) in imported {
+                let both = entry(from).zip(entry(to)).filter(|(from, to)| from != to);
+                let Some((from, to)) = both else { continue };
+                entries.entry(to.clone()).or_default();
+                let all = entries.entry(from).or_default().entry(to).or_default();
+                all.extend(names.iter().cloned());
             }
         }
-        circles.extend(circles_of_files(&entries));
-    }
-    circles
+        circles_of_files(&entries)
+    });
+    circles.collect()
 }
 
 /// The files that a file imports, directly or not.
-fn reached<'a>(imports: &'a Imports, from: &'a Path) -> BTreeSet<&'a PathBuf> {
+fn reached<'a>(imports: &'a Imports, from: &Path) -> BTreeSet<&'a PathBuf> {
+    let mut open: Vec<_> = imports[from].keys().collect();
     let mut reached = BTreeSet::new();
-    let mut open = vec![from];
     while let Some(file) = open.pop() {
-        open.extend(
-            imports[file]
-                .keys()
-                .filter(|to| reached.insert(*to))
-                .map(PathBuf::as_path),
-        );
+        if reached.insert(file) {
+            open.extend(imports[file].keys());
+        }
     }
     reached
 }
@@ -127,363 +111,217 @@ fn shown(file: &Path) -> impl std::fmt::Display {
     file.strip_prefix(root()).unwrap_or(file).display()
 }
 
-/// The modules of a target. The first is the root.
+/// The names of a path.
+type Names = Vec<String>;
+
+/// A module, or an item in it.
+type Meaning = (usize, Option<String>);
+
+/// The modules that each module has a name for: the root, itself and its parent.
+const ROOTS: [&str; 3] = ["crate", "self", "super"];
+
+/// The modules of a target, by number. The root is the first.
 #[derive(Default)]
 struct Crate {
-    modules: Vec<Module>,
-}
-
-struct Module {
-    file: PathBuf,
-    /// Its parent, which is the module itself in the root.
-    parent: usize,
-    /// The names in its scope. Configurations may have different ones.
-    names: BTreeMap<String, Vec<Name>>,
-    /// The paths whose names are in its scope.
-    globs: Vec<Vec<String>>,
-    items: Vec<Item>,
-}
-
-enum Name {
-    /// An item in the module's file. A path goes on behind a type only.
-    Item {
-        is_type: bool,
-    },
-    Module(usize),
-    Import(Vec<String>),
-}
-
-const TYPE: Name = Name::Item { is_type: true };
-const VALUE: Name = Name::Item { is_type: false };
-
-/// What a path stands for.
-enum Meaning {
-    Item { file: PathBuf, name: String, is_type: bool },
-    Module(usize),
+    /// The file of each module, and the folder of its modules' files.
+    modules: Vec<(PathBuf, PathBuf)>,
+    /// The names in the scope of each module. Configurations may have different ones.
+    scope: BTreeMap<(usize, String), BTreeSet<Meaning>>,
+    /// The paths that a module imports or re-exports, and the name that each gets: `*` if it is a glob.
+    uses: Vec<(usize, String, Names)>,
+    /// The paths in the code of a module, without re-exports.
+    paths: Vec<(usize, Names)>,
 }
 
 impl Crate {
     /// Reads all modules of a target.
     fn read(root: &Path) -> Result<Self> {
         let mut all = Self::default();
-        let folder = root.parent().context("a file without a folder")?;
-        all.read_file(root, folder, 0)?;
+        all.read_module(tokens(root)?, root.to_owned(), root.with_file_name(""), 0)?;
+        all.link();
         Ok(all)
     }
 
-    /// Reads a module from its file. The files of its modules are in `folder`.
-    fn read_file(&mut self, file: &Path, folder: &Path, parent: usize) -> Result<usize> {
-        let text = fs::read_to_string(file).with_context(|| format!("cannot read {}", file.display()))?;
-        let parsed = syn::parse_file(&text).with_context(|| format!("cannot parse {}", file.display()))?;
-        self.read_module(parsed.items, file, folder, parent)
+    fn read_module(&mut self, tokens: TokenStream, file: PathBuf, folder: PathBuf, parent: usize) -> Result<()> {
+        let nth = self.modules.len();
+        self.modules.push((file, folder));
+        for (name, module) in ROOTS.into_iter().zip([0, nth, parent]) {
+            self.define(nth, name, (module, None));
+        }
+        self.read_tokens(tokens, nth, true)
     }
 
-    fn read_module(&mut self, items: Vec<Item>, file: &Path, folder: &Path, parent: usize) -> Result<usize> {
-        let nth = self.modules.len();
-        self.modules.push(Module {
-            file: file.to_owned(),
-            parent,
-            names: BTreeMap::new(),
-            globs: Vec::new(),
-            items: Vec::new(),
-        });
-        for item in items.into_iter().filter(|item| !is_for_tests(item)) {
-            match item {
-                Item::Mod(module) => {
-                    let name = Name::Module(self.read_submodule(&module, file, folder, nth)?);
-                    self.modules[nth].define(&module.ident, name);
+    /// Reads a module in another from its body, the file that an attribute names, or its file.
+    fn read_submodule(&mut self, name: &str, body: TokenTree, named: Option<String>, parent: usize) -> Result<()> {
+        self.define(parent, name, (self.modules.len(), None));
+        let (file, folder) = &self.modules[parent];
+        let folder = folder.join(name);
+        let beside = folder.with_extension("rs");
+        let (file, folder) = match (body, named) {
+            (TokenTree::Group(body), _) => return self.read_module(body.stream(), file.clone(), folder, parent),
+            (_, Some(named)) => {
+                let file = file.with_file_name(named).canonicalize()?;
+                let folder = file.with_file_name("");
+                (file, folder)
+            }
+            _ if beside.exists() => (beside, folder),
+            _ => (folder.join("mod.rs"), folder),
+        };
+        self.read_module(tokens(&file)?, file, folder, parent)
+    }
+
+    /// Adds the names and paths in tokens of a module. Items and modules are at its `top` only, or in a macro there; the
+    /// imports of a function count as the module's.
+    fn read_tokens(&mut self, tokens: TokenStream, nth: usize, top: bool) -> Result<()> {
+        let mut tokens = tokens.into_iter();
+        // The path that may go on, the punctuation since its last word, and whether the name of an item follows.
+        let (mut path, mut before, mut is_item) = (Names::new(), String::new(), false);
+        // The file that an attribute names.
+        let mut named = None;
+        while let Some(token) = tokens.next() {
+            match token {
+                TokenTree::Ident(word) => {
+                    let word = word.to_string();
+                    let mut ended = Names::new();
+                    if before != "::" {
+                        mem::swap(&mut path, &mut ended);
+                    }
+                    match (word.as_str(), before.as_str()) {
+                        ("_" | "async" | "extern" | "mut" | "unsafe", _) => {}
+                        ("const" | "enum" | "fn" | "macro_rules" | "static", "" | ";") => is_item = top,
+                        ("struct" | "trait" | "type" | "union", "" | ";") => is_item = top,
+                        ("use", _) => {
+                            let tree = tokens.by_ref().take_while(|token| token.to_string() != ";");
+                            self.read_use(tree.collect(), &[], nth, ended == ["pub"]);
+                        }
+                        ("mod", _) if top => {
+                            let name = tokens.next().context("a module without a name")?.to_string();
+                            let body = tokens.next().context("a module without a body")?;
+                            self.read_submodule(&name, body, named.take(), nth)?;
+                        }
+                        (_, before) => {
+                            if mem::take(&mut is_item) && matches!(before, "" | "!") {
+                                self.define(nth, &word, (nth, Some(word.clone())));
+                            }
+                            path.extend(Some(word).filter(|_| before != "."));
+                        }
+                    }
+                    self.paths.push((nth, ended));
                 }
-                item => {
-                    let module = &mut self.modules[nth];
-                    module.define_all(&item);
-                    Uses(module).visit_item(&item);
-                    module.items.push(item);
+                TokenTree::Punct(punct) => {
+                    before.push(punct.as_char());
+                    continue;
+                }
+                // A path in it is a module, and may also name a function.
+                TokenTree::Group(_) if path == ["pub"] => {}
+                TokenTree::Group(group) => match group.to_string().replace(' ', "") {
+                    text if text.starts_with("[cfg(test") || text.starts_with("[cfg(all(test") => {
+                        tokens.find(ends_item);
+                    }
+                    text if text.starts_with("[path=") => named = text.split('"').nth(1).map(str::to_owned),
+                    _ => self.read_tokens(group.stream(), nth, top && before == "!")?,
+                },
+                TokenTree::Literal(_) => {}
+            }
+            before.clear();
+        }
+        self.paths.push((nth, path));
+        Ok(())
+    }
+
+    /// Adds the paths in the tree of a `use` behind a prefix. A path may end with `*`, `self`, or `as` and a name.
+    fn read_use(&mut self, tree: TokenStream, prefix: &[String], nth: usize, is_re_export: bool) {
+        let mut path = prefix.to_vec();
+        for token in tree.into_iter().chain([Punct::new(',', Spacing::Alone).into()]) {
+            match token {
+                TokenTree::Group(group) => self.read_use(group.stream(), &mem::take(&mut path), nth, is_re_export),
+                TokenTree::Punct(punct) if punct.as_char() == ',' => {
+                    let mut path = mem::replace(&mut path, prefix.to_vec());
+                    let Some(mut name) = path.pop() else { continue };
+                    match path.last() {
+                        Some(last) if last == "as" => _ = path.pop(),
+                        Some(last) if name == "self" => name.clone_from(last),
+                        _ if name == "*" => {}
+                        _ => path.push(name.clone()),
+                    }
+                    self.paths.extend(Some((nth, path.clone())).filter(|_| !is_re_export));
+                    self.uses.push((nth, name, path));
+                }
+                TokenTree::Punct(punct) if punct.as_char() == ':' => {}
+                word => path.push(word.to_string()),
+            }
+        }
+    }
+
+    fn define(&mut self, nth: usize, name: &str, meaning: Meaning) {
+        self.scope.entry((nth, name.to_owned())).or_default().insert(meaning);
+    }
+
+    /// Gives the imported names their meanings. They may be imported themselves, so that it takes several rounds.
+    fn link(&mut self) {
+        let count = |all: &Self| all.scope.values().map(BTreeSet::len).sum::<usize>();
+        let mut before = 0;
+        while before != count(self) {
+            before = count(self);
+            for (nth, name, path) in self.uses.clone() {
+                for meaning in self.meanings(nth, &path) {
+                    if name != "*" {
+                        self.define(nth, &name, meaning);
+                    } else if let (from, None) = meaning {
+                        for ((module, name), meanings) in self.scope.clone() {
+                            if module == from && !ROOTS.contains(&name.as_str()) {
+                                self.scope.entry((nth, name)).or_default().extend(meanings);
+                            }
+                        }
+                    }
                 }
             }
         }
-        Ok(nth)
     }
 
-    fn read_submodule(&mut self, module: &ItemMod, file: &Path, folder: &Path, parent: usize) -> Result<usize> {
-        let name = module.ident.to_string();
-        let folder = folder.join(&name);
-        if let Some((_, items)) = &module.content {
-            return self.read_module(items.clone(), file, &folder, parent);
+    /// The meanings of a path in a module; none if it is another crate's, or a local name. A path that goes on behind an
+    /// item stands for the item, unless a module has the same name.
+    fn meanings(&self, nth: usize, path: &[String]) -> BTreeSet<Meaning> {
+        let mut found = BTreeSet::from([(nth, None)]);
+        for name in path {
+            let modules = found.iter().filter(|(_, item)| item.is_none());
+            let mut scopes = modules.map(|(nth, _)| self.scope.get(&(*nth, name.clone()))).peekable();
+            if scopes.peek().is_none() {
+                break;
+            }
+            found = scopes.flatten().flatten().cloned().collect();
         }
-        if let Some(path) = path_attribute(&module.attrs) {
-            let file = file.with_file_name(path).canonicalize()?;
-            return self.read_file(&file, &file.with_file_name(""), parent);
-        }
-        let beside = folder.with_extension("rs");
-        let file = if beside.exists() { beside } else { folder.join("mod.rs") };
-        self.read_file(&file, &folder, parent)
+        found
     }
 
-    /// What the files import from each other.
+    /// The names that the files import from each other.
     fn imports(&self) -> Imports {
-        let mut imports = Imports::new();
-        for (nth, module) in self.modules.iter().enumerate() {
-            let mut paths = Paths::default();
-            module.items.iter().for_each(|item| paths.visit_item(item));
-            let imported = imports.entry(module.file.clone()).or_default();
-            for path in paths.0 {
-                for meaning in self.meanings(nth, &path, &mut HashSet::new()) {
-                    if let Meaning::Item { file, name, .. } = meaning
-                        && file != module.file
-                    {
-                        imported.entry(file).or_default().insert(name);
-                    }
+        let file = |nth: usize| self.modules[nth].0.clone();
+        let files = self.modules.iter().map(|(file, _)| file.clone());
+        let mut imports: Imports = files.map(|file| (file, BTreeMap::new())).collect();
+        for (nth, path) in &self.paths {
+            for (from, item) in self.meanings(*nth, path) {
+                if let Some(item) = item.filter(|_| file(from) != file(*nth)) {
+                    let imported = imports.entry(file(*nth)).or_default();
+                    imported.entry(file(from)).or_default().insert(item);
                 }
             }
         }
         imports
     }
-
-    /// What a path in a module stands for; nothing if it is another crate's, or a local name. `asked` has the questions
-    /// that wait for the answer to this one: imports may be circular.
-    fn meanings(&self, module: usize, path: &[String], asked: &mut HashSet<(usize, Vec<String>)>) -> Vec<Meaning> {
-        let Some((first, rest)) = path.split_first() else {
-            return vec![Meaning::Module(module)];
-        };
-        let start = match first.as_str() {
-            "crate" => Some(0),
-            "self" => Some(module),
-            "super" => Some(self.modules[module].parent),
-            _ => None,
-        };
-        if let Some(start) = start {
-            return self.meanings(start, rest, asked);
-        }
-        if !asked.insert((module, path.to_vec())) {
-            return Vec::new();
-        }
-        let Module { file, names, globs, .. } = &self.modules[module];
-        let mut found = Vec::new();
-        for name in names.get(first).into_iter().flatten() {
-            match name {
-                Name::Item { is_type } => found.push(Meaning::Item {
-                    is_type: *is_type,
-                    file: file.clone(),
-                    name: first.clone(),
-                }),
-                Name::Module(module) => found.push(Meaning::Module(*module)),
-                Name::Import(path) => found.extend(self.meanings(module, path, asked)),
-            }
-        }
-        if found.is_empty() {
-            for glob in globs {
-                for meaning in self.meanings(module, glob, asked) {
-                    if let Meaning::Module(from) = meaning {
-                        found.extend(self.meanings(from, &path[..1], asked));
-                    }
-                }
-            }
-        }
-        asked.remove(&(module, path.to_vec()));
-        let within = |meaning| match meaning {
-            Meaning::Module(module) => self.meanings(module, rest, asked),
-            Meaning::Item { is_type: false, .. } if !rest.is_empty() => Vec::new(),
-            item => vec![item],
-        };
-        found.into_iter().flat_map(within).collect()
-    }
 }
 
-impl Module {
-    fn define(&mut self, name: &impl ToString, meaning: Name) {
-        self.names.entry(name.to_string()).or_default().push(meaning);
-    }
-
-    /// Defines the names of an item.
-    fn define_all(&mut self, item: &Item) {
-        match item {
-            Item::Const(item) => self.define(&item.ident, VALUE),
-            Item::Enum(item) => self.define(&item.ident, TYPE),
-            Item::Fn(item) => self.define(&item.sig.ident, VALUE),
-            Item::Static(item) => self.define(&item.ident, VALUE),
-            Item::Struct(item) => self.define(&item.ident, TYPE),
-            Item::Trait(item) => self.define(&item.ident, TYPE),
-            Item::Type(item) => self.define(&item.ident, TYPE),
-            Item::Union(item) => self.define(&item.ident, TYPE),
-            Item::Macro(item) => match &item.ident {
-                Some(name) => self.define(name, VALUE),
-                None => self.define_in(item.mac.tokens.clone()),
-            },
-            _ => {}
-        }
-    }
-
-    /// Defines what the arguments of a macro seem to: the names behind keywords.
-    fn define_in(&mut self, tokens: TokenStream) {
-        const KEYWORDS: [&str; 8] = ["const", "enum", "fn", "static", "struct", "trait", "type", "union"];
-        let mut is_keyword = false;
-        for token in tokens {
-            if let TokenTree::Ident(name) = token {
-                if is_keyword {
-                    self.define(&name, TYPE);
-                }
-                is_keyword = KEYWORDS.contains(&name.to_string().as_str());
-            }
-        }
-    }
+fn tokens(file: &Path) -> Result<TokenStream> {
+    let text = fs::read_to_string(file).with_context(|| format!("cannot read {}", file.display()))?;
+    let tokens = text.parse();
+    tokens.map_err(|error| anyhow!("cannot parse {}: {error}", file.display()))
 }
 
-/// Adds the names that a module imports. Those of a function count as the module's.
-struct Uses<'a>(&'a mut Module);
-
-impl Visit<'_> for Uses<'_> {
-    fn visit_item_use(&mut self, item: &ItemUse) {
-        for (name, path) in used(item) {
-            match name {
-                Some(name) => self.0.define(&name, Name::Import(path)),
-                None => self.0.globs.push(path),
-            }
-        }
-    }
-}
-
-/// The paths that a `use` imports, and the name that each gets; `None` if it is a glob.
-fn used(item: &ItemUse) -> Vec<(Option<String>, Vec<String>)> {
-    fn walk(tree: &UseTree, path: &[String], found: &mut Vec<(Option<String>, Vec<String>)>) {
-        let with = |name: &syn::Ident| match name.to_string() {
-            name if name == "self" && !path.is_empty() => path.to_vec(),
-            name => [path, &[name]].concat(),
-        };
-        match tree {
-            UseTree::Path(tree) => walk(&tree.tree, &with(&tree.ident), found),
-            UseTree::Name(tree) => {
-                let path = with(&tree.ident);
-                found.push((path.last().cloned(), path));
-            }
-            UseTree::Rename(tree) => found.push((Some(tree.rename.to_string()), with(&tree.ident))),
-            UseTree::Glob(_) => found.push((None, path.to_vec())),
-            UseTree::Group(tree) => tree.items.iter().for_each(|tree| walk(tree, path, found)),
-        }
-    }
-    let mut found = Vec::new();
-    if item.leading_colon.is_none() {
-        walk(&item.tree, &[], &mut found);
-    }
-    found
-}
-
-/// Collects the paths in items.
-#[derive(Default)]
-struct Paths(Vec<Vec<String>>);
-
-impl Paths {
-    /// Collects what looks like a path in the arguments of a macro. The name of a field does not.
-    fn add_tokens(&mut self, tokens: TokenStream) {
-        let mut path = Vec::new();
-        let mut before = String::new();
-        for token in tokens {
-            match token {
-                TokenTree::Ident(name) => {
-                    if before != "::" {
-                        self.0.push(mem::take(&mut path));
-                    }
-                    if before != "." {
-                        path.push(name.to_string());
-                    }
-                }
-                TokenTree::Group(group) => self.add_tokens(group.stream()),
-                TokenTree::Punct(punct) => {
-                    before.push(punct.as_char());
-                    continue;
-                }
-                TokenTree::Literal(_) => {}
-            }
-            before.clear();
-        }
-        self.0.push(path);
-    }
-}
-
-impl<'ast> Visit<'ast> for Paths {
-    fn visit_item(&mut self, item: &'ast Item) {
-        if !is_for_tests(item) {
-            visit::visit_item(self, item);
-        }
-    }
-
-    fn visit_impl_item(&mut self, item: &'ast ImplItem) {
-        if !is_for_tests(item) {
-            visit::visit_impl_item(self, item);
-        }
-    }
-
-    fn visit_stmt(&mut self, statement: &'ast Stmt) {
-        if !is_for_tests(statement) {
-            visit::visit_stmt(self, statement);
-        }
-    }
-
-    fn visit_item_use(&mut self, item: &'ast ItemUse) {
-        if matches!(item.vis, Visibility::Inherited) {
-            self.0.extend(used(item).into_iter().map(|(_, path)| path));
-        }
-    }
-
-    /// A path in it is a module, and may also name a function.
-    fn visit_visibility(&mut self, _: &'ast Visibility) {}
-
-    fn visit_path(&mut self, path: &'ast syn::Path) {
-        if path.leading_colon.is_none() {
-            let names = path.segments.iter().map(|segment| segment.ident.to_string());
-            self.0.push(names.collect());
-        }
-        visit::visit_path(self, path);
-    }
-
-    fn visit_macro(&mut self, invocation: &'ast syn::Macro) {
-        self.visit_path(&invocation.path);
-        self.add_tokens(invocation.tokens.clone());
-    }
-
-    fn visit_meta_list(&mut self, list: &'ast syn::MetaList) {
-        self.visit_path(&list.path);
-        self.add_tokens(list.tokens.clone());
-    }
-}
-
-/// The file that `#[path = "…"]` names.
-fn path_attribute(attributes: &[Attribute]) -> Option<String> {
-    attributes.iter().find_map(|attribute| match &attribute.meta {
-        Meta::NameValue(MetaNameValue {
-            path,
-            value: Expr::Lit(value),
-            ..
-        }) if path.is_ident("path") => match &value.lit {
-            Lit::Str(text) => Some(text.value()),
-            _ => None,
-        },
-        _ => None,
-    })
-}
-
-/// Returns true if an item or statement is compiled for tests only.
-fn is_for_tests(item: &impl ToTokens) -> bool {
-    let attributes = |input: ParseStream| {
-        let attributes = input.call(Attribute::parse_outer)?;
-        input.parse::<TokenStream>()?;
-        Ok(attributes)
-    };
-    let attributes: Vec<Attribute> = attributes.parse2(item.to_token_stream()).unwrap_or_default();
-    let mut conditions = attributes.iter().filter(|attribute| attribute.path().is_ident("cfg"));
-    conditions.any(|attribute| attribute.parse_args().is_ok_and(|condition| needs_test(&condition)))
-}
-
-/// Returns true if a condition is false without `test`.
-fn needs_test(condition: &Meta) -> bool {
-    let Meta::List(list) = condition else {
-        return condition.path().is_ident("test");
-    };
-    let parts = list.parse_args_with(Punctuated::<Meta, Token![,]>::parse_terminated);
-    let parts = parts.unwrap_or_default();
-    match list.path.get_ident().map(ToString::to_string).as_deref() {
-        Some("all") => parts.iter().any(needs_test),
-        Some("any") => parts.iter().all(needs_test),
-        _ => false,
+/// Returns true if an item, or a statement that is compiled for tests only, ends with the token.
+fn ends_item(token: &TokenTree) -> bool {
+    match token {
+        TokenTree::Group(group) => group.delimiter() == Delimiter::Brace,
+        token => token.to_string() == ";",
     }
 }
 
