@@ -236,7 +236,6 @@ impl Bridge {
     /// bridge.uart_received(b"stray bytes", Instant::from_micros(180));
     /// assert!(bridge.rx_wait().idle);
     /// ```
-    #[must_use = "the receiver waits for other events from now on"]
     pub fn rx_wait(&mut self) -> RxWait {
         let line = self.line.settled();
         RxWait {
@@ -250,7 +249,7 @@ impl Bridge {
     /// to `send`, which starts to transmit them at once or at [`start`](Transmit::Burst::start); or returns the
     /// configuration that the UART must change to. `None` if nothing is due now.
     ///
-    /// The bytes are accounted for after `send`. A DMA may read them from `out` as long as they are unchanged there.
+    /// The bytes are accounted for after `send`. A DMA that reads them from `out` must have ended before the next call.
     ///
     /// ```
     /// use armwire_bridge::config::{Config, Poll};
@@ -280,16 +279,31 @@ impl Bridge {
     }
 
     /// As [`uart_transmit`](Self::uart_transmit), but only for a poll that follows the last frame of the arm at once, and
-    /// before that frame is accounted for. `send` starts to transmit it and returns the time. `None` if only the
-    /// accounting can tell what is next.
+    /// before that frame is accounted for. `send` starts to transmit it and returns the time. Returns true if it did, and
+    /// false if only the accounting can tell what is next. `out` gets a copy of the poll, for the accounting.
+    #[must_use = "the UART is not ready for another burst if a poll was sent"]
     pub fn uart_transmit_ahead(
         &mut self,
         out: &mut [u8; MAX_FRAME],
         send: impl FnOnce(&'static [u8]) -> Instant,
-    ) -> Option<Transmit> {
-        let now = send(self.line.next_poll()?);
+    ) -> bool {
+        let Some(poll) = self.line.next_poll() else {
+            return false;
+        };
+        let now = send(poll);
         // The same poll is chosen now.
-        self.line.settled().transmit(out, now, |_, _| {})
+        let sent = self
+            .line
+            .settled()
+            .transmit(out, now, |bytes, _| debug_assert_eq!(bytes, poll));
+        debug_assert_eq!(
+            sent,
+            Some(Transmit::Burst {
+                len: poll.len(),
+                start: None
+            })
+        );
+        true
     }
 
     // ---- USB ----

@@ -29,7 +29,7 @@ impl Line {
         }
         let burst = self.next_burst(out, now)?;
         let Burst { len, start, .. } = burst;
-        send(out.get(..len).unwrap_or_default(), start);
+        send(out.get(..len)?, start);
         self.transmitted(burst, now);
         Some(Transmit::Burst { len, start })
     }

@@ -10,7 +10,8 @@ use crate::clock::now;
 
 /// The transmitter.
 pub(crate) struct Sender {
-    /// The burst that the DMA reads. It is written only while none is going out.
+    /// The burst that the DMA reads, other than a poll sent ahead, which it reads from flash. It is written only while the
+    /// DMA does not read it.
     burst: [u8; MAX_FRAME],
     /// The line is being changed.
     is_changing: bool,
@@ -31,12 +32,11 @@ impl Sender {
         if self.is_busy() {
             return false;
         }
-        let sent = bridge.uart_transmit_ahead(&mut self.burst, |poll| {
+        bridge.uart_transmit_ahead(&mut self.burst, |poll| {
             let at = now();
             send(poll, None);
             at
-        });
-        sent.is_some()
+        })
     }
 
     /// Starts the bridge's next burst or change of the line, if the UART is ready for it. Returns true if it did.
