@@ -173,8 +173,8 @@ impl StartLog {
         }
     }
 
-    /// Records that the configuration in flash is about to be read. Returns the words to store before. Has no effect in
-    /// recovery.
+    /// Records that the configuration in flash is about to be read. Returns the record's words, to be stored before that
+    /// read. In recovery the record is unchanged.
     #[must_use = "the record is to be stored"]
     pub fn loading(&mut self) -> [u32; Self::WORDS] {
         if self.stage == Stage::Starting {

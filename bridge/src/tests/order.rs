@@ -183,7 +183,7 @@ fn old_bus_answer_is_not_sent_on_new() {
 }
 
 #[test]
-fn bytes_on_the_line_stay_unchanged() {
+fn torque_off_waits_for_the_request_in_flight() {
     let mut bridge = adapter(silent_after(200));
     let mut out = [0; MAX_FRAME];
     for _ in 0..3 {

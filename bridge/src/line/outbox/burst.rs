@@ -7,7 +7,7 @@ use crate::arm::Info;
 use crate::control::Initiator;
 use crate::line_coding::UartConfig;
 
-/// What the UART does next.
+/// The next work of the UART.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Transmit {
@@ -24,7 +24,6 @@ pub enum Transmit {
 }
 
 /// A burst for the UART, to be accounted for when it goes out.
-#[must_use]
 pub(crate) struct Burst {
     pub(crate) initiator: Initiator,
     pub(crate) len: usize,
