@@ -123,7 +123,10 @@ impl Receiver {
         // An interrupt handler in between would record an old position of the DMA in the new ring.
         critical_section::with(|_| {
             STATE.rx.ring(RxRing::restart);
-            chip::start(dma, coding)
+            let transfer = chip::start(dma, coding);
+            // Bytes before the start are no part of later ones, and their idle line may have passed.
+            STATE.rx.ring(|ring| ring.idle(tail(), now()));
+            transfer
         })
     }
 

@@ -21,7 +21,6 @@ use crate::board::hal::interrupt::typelevel::Handler;
 use crate::board::usart;
 use crate::board::{IdleInterrupt, RxInterrupt, Stamp, UartInterrupt, clear_idle_alarm, set_idle_alarm};
 use crate::ceiling::{SERVICE, mask};
-use crate::clock::now;
 
 pub(crate) use burst::BurstHandler;
 
@@ -62,16 +61,14 @@ const FULL: usize = SIZE - 64;
 pub(super) fn start(_: &mut Dma, coding: LineCoding) -> Transfer<'_> {
     STATE.usart.set_byte_time(coding);
     STATE.interrupt.seen.store(0, Ordering::Relaxed);
+    // The receiver reports the idle line after the bytes before this start. The next byte starts the alarm.
+    STATE.interrupt.is_idle.store(true, Ordering::Relaxed);
     usart::start_receiving(
         BYTES.address() as u32,
         STAMPS.0.as_ptr() as u32,
         SIZE.trailing_zeros() as u8,
     );
     usart::set_byte_interrupt(true);
-    // The bridge may wait for an idle line after the bytes before this start.
-    STAMPS.0[SIZE - 1].store(Stamp::from(now()).to_bits(), Ordering::Relaxed);
-    STATE.interrupt.is_idle.store(false, Ordering::Relaxed);
-    set_idle_alarm(idle_from(0));
     Transfer(PhantomData)
 }
 

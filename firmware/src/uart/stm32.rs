@@ -56,9 +56,8 @@ pub(super) fn start(dma: &mut Dma, coding: LineCoding) -> Transfer<'_> {
         unsafe { dma.read_raw(RX_REQUEST, usart::rx_data(), ring, options) }
     });
     usart::start_receiving();
-    // The byte that the UART holds is no part of later ones, and its idle line may have passed.
+    // The byte that the UART holds counts as one before the start.
     cortex_m::asm::delay(COUNT_CYCLES);
-    STATE.rx.ring(|ring| ring.idle(tail(), now()));
     transfer
 }
 
