@@ -11,13 +11,12 @@
 
 use core::cell::{Cell, RefCell};
 // Loads and stores only: on the RP2040 those of `portable_atomic` take a critical section each.
-use core::sync::atomic::{AtomicU32, Ordering};
+use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
 use armwire_bridge::{RxRing, UartConfig, UartErrors};
 use critical_section::Mutex;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
-use portable_atomic::AtomicBool;
 
 #[cfg(feature = "board-rp2040")]
 use super::rp2040::interrupt::Interrupt;
@@ -38,8 +37,8 @@ pub(crate) static STATE: State = State {
     rx: Rx {
         ring: Mutex::new(RefCell::new(RxRing::new())),
         errors: Mutex::new(Cell::new(None)),
-        has_overrun: AtomicBool::new(false),
-        has_event: AtomicBool::new(false),
+        has_overrun: portable_atomic::AtomicBool::new(false),
+        has_event: portable_atomic::AtomicBool::new(false),
     },
     interrupt: Interrupt::new(),
     tx: Tx {
@@ -74,9 +73,9 @@ pub(super) struct Rx {
     /// The errors that the bridge does not know yet.
     errors: Mutex<Cell<Option<UartErrors>>>,
     /// Unread bytes were overwritten.
-    has_overrun: AtomicBool,
+    has_overrun: portable_atomic::AtomicBool,
     /// The service must read the ring.
-    has_event: AtomicBool,
+    has_event: portable_atomic::AtomicBool,
 }
 
 /// The transmitting half.
