@@ -120,8 +120,12 @@ pub(in crate::board) fn set_next_alarm(now: u64, at: u64) -> bool {
 /// handler calls this.
 pub(in crate::board) fn take_alarm() -> bool {
     let flags = TIMER.sr().read();
-    // Writing 0 clears, writing 1 has no effect.
-    TIMER.sr().write(|w| w.0 = !flags.0);
+    TIMER.sr().write(|w| {
+        // Writing 0 clears, writing 1 has no effect.
+        w.0 = !flags.0;
+        // It may have come after its own handler has looked.
+        w.set_ccif(BYTES, true);
+    });
     let ended = u32::from(flags.uif()) + u32::from(flags.ccif(MIDDLE));
     HALF_TURNS.store(
         HALF_TURNS.load(Ordering::Relaxed).wrapping_add(ended),
