@@ -4,8 +4,6 @@
 //! The driver for FDCAN also lacks transmitter delay compensation, which a data phase above 1 Mbit/s needs. The
 //! remaining code is small.
 
-use core::sync::atomic::Ordering;
-
 use armwire_bridge::CanErrors;
 use armwire_bridge::can::Frame;
 use armwire_bridge::config;
@@ -13,7 +11,7 @@ use embassy_futures::select::select;
 use embassy_time::Timer;
 
 use super::Controller;
-use super::can_controller::{ERRORS, EVENT, FRAMES, LOST, OVERRUNS, ROOM};
+use super::can_controller::{self, EVENT, FRAMES, ROOM};
 
 /// Polling period without an event, in milliseconds: the controller does not report a recovery from bus-off.
 const POLL_PERIOD_MS: u64 = 5;
@@ -65,15 +63,16 @@ impl Can {
 
     /// The errors since the last call.
     pub(crate) fn take_errors(&mut self) -> CanErrors {
+        let [bus, overruns] = can_controller::take_errors();
         CanErrors {
-            bus: ERRORS.swap(0, Ordering::Relaxed),
-            overruns: OVERRUNS.swap(0, Ordering::Relaxed),
+            bus,
+            overruns,
             unsent: core::mem::take(&mut self.unsent),
         }
     }
 
     /// Returns true if the controller is bus-off, or was since the last call. It recovers by itself.
     pub(crate) fn take_bus_off(&mut self) -> bool {
-        LOST.swap(false, Ordering::Relaxed) || self.controller.is_bus_off()
+        can_controller::take_bus_off() || self.controller.is_bus_off()
     }
 }

@@ -22,9 +22,9 @@ pub(super) const ROOM: u8 = 3;
 pub(super) static FRAMES: Channel<CriticalSectionRawMutex, Waiting, CAPACITY> = Channel::new();
 /// Wakes the task after an interrupt.
 pub(super) static EVENT: Signal<CriticalSectionRawMutex, ()> = Signal::new();
-pub(super) static ERRORS: AtomicU32 = AtomicU32::new(0);
-pub(super) static OVERRUNS: AtomicU32 = AtomicU32::new(0);
-pub(super) static LOST: AtomicBool = AtomicBool::new(false);
+static ERRORS: AtomicU32 = AtomicU32::new(0);
+static OVERRUNS: AtomicU32 = AtomicU32::new(0);
+static WAS_BUS_OFF: AtomicBool = AtomicBool::new(false);
 
 /// Connects the board's pins to the controller, which has this alternate function there.
 pub(super) fn take_pins(function: u8) -> [Flex<'static>; 2] {
@@ -74,6 +74,16 @@ pub(super) fn changed() {
 
 /// The controller went bus-off.
 pub(super) fn bus_off() {
-    LOST.store(true, Ordering::Relaxed);
+    WAS_BUS_OFF.store(true, Ordering::Relaxed);
     EVENT.signal(());
+}
+
+/// The numbers of bus errors and of lost frames since the last call.
+pub(super) fn take_errors() -> [u32; 2] {
+    [&ERRORS, &OVERRUNS].map(|count| count.swap(0, Ordering::Relaxed))
+}
+
+/// Returns true if the controller went bus-off since the last call.
+pub(super) fn take_bus_off() -> bool {
+    WAS_BUS_OFF.swap(false, Ordering::Relaxed)
 }
