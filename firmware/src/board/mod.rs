@@ -22,7 +22,7 @@
 //! | `ServiceInterrupt` | the interrupt of a peripheral that is not used, for the [service](crate::service) |
 //! | `POLL_LEAD_TIME` | the time before its slot at which a poll is handed to the UART |
 //! | `hal` | the chip's HAL |
-//! | `mask`, `Masked` | the mask of interrupt handlers up to a priority |
+//! | `mask()` | masks interrupt handlers up to a priority |
 //! | `reset()`, `serial_number()` | restarts the chip; the chip's unique id |
 //! | `ConfigFlash`, `CONFIG_FLASH` | the flash of the configuration: a `NorFlash`, and a range of it |
 //! | `FlashError`, `is_supply_low()` | the error of a failed write, and true if the supply voltage was too low |

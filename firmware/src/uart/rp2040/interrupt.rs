@@ -1,4 +1,4 @@
-//! What the handlers of received bytes know of earlier ones.
+//! The state that the handlers of received bytes keep from one to the next.
 
 use core::sync::atomic::{AtomicBool, AtomicUsize};
 

@@ -136,8 +136,8 @@ impl Usart {
         });
     }
 
-    /// Keeps the parity error of the next byte. Call this in the interrupt handler, right after [`is_byte_waiting`](Self::is_byte_waiting) has
-    /// returned false.
+    /// Keeps the parity error of the next byte. Call this in the interrupt handler, right after
+    /// [`is_byte_waiting`](Self::is_byte_waiting) has returned false.
     ///
     /// After a read of SR, the DMA's next read or write of DR may clear a parity error that came in between, before the
     /// handler sees it (ES0182, "Parity Error (PE) flag can be cleared by writing to the data register"). A read of DR comes
