@@ -186,8 +186,9 @@ impl Motion {
     /// Ends the trajectory of a goal. The arm holds its last setpoint.
     pub(crate) fn cancel(&mut self, goal: GoalId) {
         let origin = Origin::Goal(goal);
-        let is_played = self.playing.take_if(|playing| playing.origin == origin).is_some();
-        if is_played || self.waiting.take_if(|waiting| waiting.order.origin == origin).is_some() {
+        if self.playing.as_ref().is_some_and(|playing| playing.origin == origin) {
+            self.end_playing(End::Cancelled);
+        } else if self.waiting.take_if(|waiting| waiting.order.origin == origin).is_some() {
             self.end(origin, End::Cancelled);
         }
     }
@@ -331,6 +332,7 @@ impl Motion {
 
     fn end_playing(&mut self, end: End) {
         if let Some(playing) = self.playing.take() {
+            self.engine.end_tracking();
             self.end(playing.origin, end);
         }
     }
@@ -393,6 +395,8 @@ mod tests {
         arm: Vec<f64>,
         blocked: [bool; AXES],
         status: MotionStatus,
+        /// The path tolerance of `a`.
+        path: f64,
         /// The setpoints of `a`, with their times in ms.
         moves: Vec<(u64, f64)>,
         /// The same, with the arm's position after each.
@@ -422,6 +426,7 @@ mod tests {
                 arm,
                 blocked: [false; AXES],
                 status: MotionStatus::Locked,
+                path: 0.3,
                 moves: Vec::new(),
                 followed: Vec::new(),
                 outputs: Vec::new(),
@@ -437,10 +442,20 @@ mod tests {
             while self.now < until {
                 self.now += 5;
                 self.poll();
-                let reading = reading(self.now, &self.arm, self.status);
-                self.motion.on_reading(self.instant(), &reading);
+                self.read();
                 self.poll();
             }
+        }
+
+        /// Takes a reading.
+        fn read(&mut self) {
+            let reading = reading(self.now, &self.arm, self.status);
+            self.motion.on_reading(self.instant(), &reading);
+        }
+
+        fn cancel(&mut self, origin: Origin) {
+            let Origin::Goal(id) = origin else { unreachable!() };
+            self.motion.cancel(id);
         }
 
         fn poll(&mut self) {
@@ -477,7 +492,7 @@ mod tests {
                 trajectory.header.stamp = Time::from_nanos(SYSTEM + at as i64 * 1_000_000);
             }
             let tolerances = Tolerances {
-                path: [&[Some(0.3)][..], &[None; GRIPPER]].concat(),
+                path: [&[Some(self.path)][..], &[None; GRIPPER]].concat(),
                 goal: [&[Some(0.05)][..], &[None; GRIPPER]].concat(),
                 goal_time: std::time::Duration::from_millis(500),
             };
@@ -627,6 +642,55 @@ mod tests {
         );
         let hold = bench.moves.last().unwrap();
         assert_eq!((hold.1, bench.arm[GRIPPER]), (bench.arm[0], gripper));
+    }
+
+    #[test]
+    fn path_tolerance_ends_with_its_trajectory() {
+        let (mut bench, first, second) = (Bench::new(), goal(), goal());
+        bench.path = 0.02;
+        bench.to(first, 0, 0.5);
+        bench.run(300);
+        bench.cancel(first);
+        // Less than the drift.
+        bench.arm[0] -= 0.04;
+        bench.run(400);
+        bench.path = 0.3;
+        bench.to(second, 0, 0.2);
+        bench.run(2_000);
+        let ends = [(305, first, End::Cancelled), (1_405, second, End::Finished)];
+        assert_eq!(bench.ends(), ends);
+    }
+
+    #[test]
+    fn replaced_trajectory_leaves_no_tracking_error() {
+        let (mut bench, first, second) = (Bench::new(), goal(), goal());
+        bench.path = 0.02;
+        bench.to(first, 0, 0.5);
+        bench.run(300);
+        bench.arm[0] -= 0.04;
+        bench.read();
+        bench.to(second, 0, 0.2);
+        bench.run(2_000);
+        let ends = [(305, first, End::Replaced), (1_305, second, End::Finished)];
+        assert_eq!(bench.ends(), ends);
+    }
+
+    #[test]
+    fn later_reading_hides_no_tracking_error() {
+        let (mut bench, goal) = (Bench::new(), goal());
+        bench.path = 0.02;
+        bench.to(goal, 0, 0.5);
+        bench.run(300);
+        for distance in [-0.04, 0.04] {
+            bench.arm[0] += distance;
+            bench.read();
+        }
+        bench.run(305);
+        let ends = bench.ends();
+        assert!(
+            matches!(&ends[..], [(305, _, End::Aborted(Abort::Path { .. }))]),
+            "{ends:?}"
+        );
     }
 
     #[test]

@@ -174,6 +174,12 @@ impl Engine {
         self.torque_off = None;
     }
 
+    /// Ends the tracking of a source that gives no targets any more. The arm keeps its goal, without a limit of the
+    /// tracking error.
+    pub fn end_tracking(&mut self) {
+        self.goal.end_tracking();
+    }
+
     /// The move that holds the joints where they are, so that they do not press on, and keeps the gripper's goal. `None`
     /// before the first pose.
     pub fn hold(&mut self, now: Instant) -> Option<Move> {

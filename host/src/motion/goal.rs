@@ -125,7 +125,12 @@ impl Goal {
         std::array::from_fn(|nth| self.axes[nth].map_or(pose[nth], |axis| axis.goal))
     }
 
-    /// The axis that has been too far from its goal for too long.
+    /// Ends the tracking: later readings are no error, until the next target.
+    pub(crate) fn end_tracking(&mut self) {
+        (self.tracking, self.off) = (TrackingLimit::ANY, None);
+    }
+
+    /// The axis that has been too far from its goal for too long, even if it is near by now.
     pub(crate) fn tracking_error(&self) -> Option<Off> {
         self.off.and_then(|(_, off)| off)
     }
@@ -133,11 +138,13 @@ impl Goal {
     /// Takes the pose in a reading that was made at `at`. An axis that moves away from its goal by more than `drift` was
     /// moved by another host: it has no goal any more.
     pub(crate) fn on_pose(&mut self, at: Instant, pose: &Axes, drift: &Tolerance) {
-        let before = self.off;
-        self.off = off(&self.axes(pose), pose, &self.tracking.allowed).map(|off| {
-            let since = before.map_or(at, |(since, _)| since);
-            (since, (at.since(since) >= self.tracking.time).then_some(off))
-        });
+        if self.tracking_error().is_none() {
+            let before = self.off;
+            self.off = off(&self.axes(pose), pose, &self.tracking.allowed).map(|off| {
+                let since = before.map_or(at, |(since, _)| since);
+                (since, (at.since(since) >= self.tracking.time).then_some(off))
+            });
+        }
         for nth in 0..AXES {
             let Some(axis) = &mut self.axes[nth] else { continue };
             let distance = (axis.goal - pose[nth]).abs();
