@@ -133,18 +133,18 @@ impl Motion {
     ) -> Self {
         let mut drift = [Some(JOINT_DRIFT); AXES];
         drift[AXES - 1] = Some(GRIPPER_DRIFT);
-        let mut engine = Engine::new(MOVE_PERIOD, silence, units.tolerance(&drift));
-        engine.on_joints(now, &reading.state);
-        Self {
+        let mut motion = Self {
             joints,
             required,
             units,
-            reading,
-            engine,
+            reading: reading.clone(),
+            engine: Engine::new(MOVE_PERIOD, silence, units.tolerance(&drift)),
             playing: None,
             waiting: None,
             outputs: VecDeque::new(),
-        }
+        };
+        motion.on_reading(now, &reading);
+        motion
     }
 
     /// Checks a trajectory, received at `now`, which is `system` in nanoseconds since 1970. It replaces the present one
@@ -228,13 +228,7 @@ impl Motion {
         }
         let Some(playing) = &mut self.playing else { return };
         match self.engine.poll(now, &mut playing.trajectory) {
-            engine::Output::Move(next) => {
-                self.outputs.push_back(Output::Move(next));
-                // The topic has no tolerances: its trajectory ends with the last point.
-                if playing.origin == Origin::Topic && playing.trajectory.is_sent() {
-                    self.end_playing(End::Finished);
-                }
-            }
+            engine::Output::Move(next) => self.outputs.push_back(Output::Move(next)),
             engine::Output::Wait(_) => {}
             engine::Output::End(end) => self.end_by(now, end),
         }
@@ -417,15 +411,20 @@ mod tests {
 
     impl Bench {
         fn new() -> Self {
+            Self::of(MotionStatus::Locked)
+        }
+
+        /// A motion whose first reading has this status.
+        fn of(status: MotionStatus) -> Self {
             let arm = vec![0.0; AXES];
-            let reading = reading(0, &arm, MotionStatus::Locked);
+            let reading = reading(0, &arm, status);
             let silence = Duration::from_millis(250);
             Self {
                 motion: Motion::new(joints(), 1, Units(STROKE), silence, Instant::ZERO, reading),
                 now: 0,
                 arm,
                 blocked: [false; AXES],
-                status: MotionStatus::Locked,
+                status,
                 path: 0.3,
                 moves: Vec::new(),
                 followed: Vec::new(),
@@ -477,8 +476,25 @@ mod tests {
             }
         }
 
-        /// A trajectory to one point, 1 s after its start at `at` ms; 0 means now.
+        /// A trajectory to one point, 1 s after its start at `at` ms; 0 means now. A goal has tolerances.
         fn order(&mut self, origin: Origin, at: u64, names: &[&str], point: &[f64]) -> Result<(), Refusal> {
+            let tolerances = Tolerances {
+                path: [&[Some(self.path)][..], &[None; GRIPPER]].concat(),
+                goal: [&[Some(0.05)][..], &[None; GRIPPER]].concat(),
+                goal_time: std::time::Duration::from_millis(500),
+            };
+            let tolerances = matches!(origin, Origin::Goal(_)).then_some(tolerances);
+            self.order_within(tolerances, origin, at, names, point)
+        }
+
+        fn order_within(
+            &mut self,
+            tolerances: Option<Tolerances>,
+            origin: Origin,
+            at: u64,
+            names: &[&str],
+            point: &[f64],
+        ) -> Result<(), Refusal> {
             let mut trajectory = JointTrajectory {
                 joint_names: names.iter().map(|&name| name.to_owned()).collect(),
                 points: vec![JointTrajectoryPoint {
@@ -491,15 +507,10 @@ mod tests {
             if at > 0 {
                 trajectory.header.stamp = Time::from_nanos(SYSTEM + at as i64 * 1_000_000);
             }
-            let tolerances = Tolerances {
-                path: [&[Some(self.path)][..], &[None; GRIPPER]].concat(),
-                goal: [&[Some(0.05)][..], &[None; GRIPPER]].concat(),
-                goal_time: std::time::Duration::from_millis(500),
-            };
             let order = Order {
                 origin,
                 trajectory,
-                tolerances: matches!(origin, Origin::Goal(_)).then_some(tolerances),
+                tolerances,
             };
             self.motion
                 .accept(self.instant(), SYSTEM + self.now as i64 * 1_000_000, order)
@@ -714,6 +725,29 @@ mod tests {
         bench.status = MotionStatus::Idle;
         bench.run(5);
         assert_eq!(bench.order(Origin::Topic, 0, &["a"], &[1.0]), Err(Refusal::TorqueOff));
+    }
+
+    #[test]
+    fn arm_that_had_no_torque_at_first_moves() {
+        let (mut bench, goal) = (Bench::of(MotionStatus::Idle), goal());
+        assert_eq!(bench.order(goal, 0, &["a"], &[0.5]), Err(Refusal::TorqueOff));
+        bench.status = MotionStatus::Locked;
+        bench.run(5);
+        bench.to(goal, 0, 0.5);
+        bench.run(2_000);
+        assert_eq!(bench.ends(), [(1_010, goal, End::Finished)]);
+    }
+
+    #[test]
+    fn end_without_tolerances_is_that_of_the_library() {
+        for origin in [Origin::Topic, goal()] {
+            let mut bench = Bench::new();
+            bench.blocked = [true; AXES];
+            bench.order_within(None, origin, 0, &["a"], &[0.5]).unwrap();
+            bench.run(3_000);
+            assert!(matches!(bench.moves.last(), Some((1_005, setpoint)) if near(*setpoint, 0.5)));
+            assert_eq!(bench.ends(), [(1_015, origin, End::Finished)]);
+        }
     }
 
     #[test]
