@@ -6,9 +6,9 @@ use armwire::time::{Duration, Instant};
 
 use crate::motion::axes::{AXES, Axes, Off, Ticks, Tolerance, off, opening, position, seconds};
 
-/// The gripper's speed, as the vendor's software always sends it. The goals of a stream limit the gripper: a lower speed
-/// only adds to its lag.
-const GRIPPER_SPEED: GripperSpeed = GripperSpeed(5500);
+/// The gripper's speed in [`Way::At`], as the vendor's software always sends it. The setpoints of a trajectory limit the
+/// gripper: at [`GripperSpeed::DEFAULT`] it would be late.
+const TRAJECTORY_GRIPPER_SPEED: GripperSpeed = GripperSpeed(5500);
 /// The speed on the way to a motion: 20°/s.
 const APPROACH_SPEED: Speed = speed(228);
 /// The time in which a joint makes up for its distance from the goal before, in seconds.
@@ -74,7 +74,7 @@ impl TrackingLimit {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Way {
     /// The goals go there within these limits, with speeds that bring an arm to the next one within a period and make up
-    /// for its distance from the last one.
+    /// for its distance from the last one. The limits are those of the joints: the target is the gripper's goal.
     Within(Limits),
     /// The target is the goal, at these speeds: it was checked before.
     At([Speed; JOINTS]),
@@ -185,12 +185,16 @@ impl Goal {
         if self.tracking != target.tracking {
             (self.tracking, self.off) = (target.tracking, None);
         }
+        let gripper_speed = match target.way {
+            Way::At(_) => TRAJECTORY_GRIPPER_SPEED,
+            Way::Within(_) => GripperSpeed::DEFAULT,
+        };
         let nearest = f64::INFINITY;
         self.axes = goal.map(|goal| Some(Axis { goal, nearest }));
         self.moved = Some(now);
         Move {
             joints,
-            gripper: (opening(goal[JOINTS]), GRIPPER_SPEED),
+            gripper: (opening(goal[JOINTS]), gripper_speed),
         }
     }
 }

@@ -1,6 +1,7 @@
-//! Replay and teleoperation with virtual arms, in virtual time.
+//! Replay, teleoperation and trajectories of virtual arms, in virtual time.
 #![forbid(unsafe_code)]
 
 mod follow;
 mod replay;
+mod trajectory;
 mod world;

@@ -2,7 +2,7 @@
 
 use std::sync::OnceLock;
 
-use armwire::ling::{JOINTS, JointState, MotionStatus, Opening, Request, Torque};
+use armwire::ling::{GripperSpeed, JOINTS, JointState, MotionStatus, Opening, Request, Torque};
 use armwire::time::{Duration, Instant};
 use armwire_host::Limits;
 use armwire_host::engine::Fault;
@@ -52,6 +52,8 @@ struct Run {
     now: Instant,
     /// The joints of the last move.
     goal: Option<[u16; JOINTS]>,
+    /// The gripper's speed in it.
+    gripper_speed: Option<GripperSpeed>,
 }
 
 impl Run {
@@ -62,6 +64,7 @@ impl Run {
             replay: Replay::new(motion, PERIOD, false),
             now: Instant::ZERO,
             goal: None,
+            gripper_speed: None,
         }
     }
 
@@ -73,6 +76,7 @@ impl Run {
         match self.replay.poll(self.now)? {
             Output::Move(target) => {
                 self.arm.send(self.now, &Request::Move(target));
+                self.gripper_speed = Some(target.gripper.1);
                 self.goal = Some(target.joints.map(|(position, _)| position.ticks()));
             }
             Output::Wait(_) => {}
@@ -146,6 +150,15 @@ fn arm_goes_slowly_to_the_first_pose() {
         before = joints;
     }
     assert!(run.now > Instant::from_millis(1_500), "{:?}", run.now);
+}
+
+#[test]
+fn gripper_has_the_speed_of_a_stop() {
+    let mut run = Run::new(Range::default(), Limits::REPLAY, Rates::NONE);
+    while run.step().unwrap() {
+        assert!(run.gripper_speed.is_none_or(|speed| speed == GripperSpeed::DEFAULT));
+    }
+    assert!(run.gripper_speed.is_some());
 }
 
 #[test]

@@ -99,6 +99,12 @@ pub struct Move {
 #[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 pub struct GripperSpeed(pub u16);
 
+impl GripperSpeed {
+    /// The speed to a goal that may be a whole stroke away, as in a stop, in teleoperation and at the start of a replay. It
+    /// is less than a fifth of the vendor's.
+    pub const DEFAULT: Self = Self(1000);
+}
+
 /// A message of the arm.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]

@@ -14,8 +14,6 @@ const MOTION: u16 = 2;
 const REST: Duration = Duration::from_millis(100);
 /// The joints' speed on the way back to the pose, in ticks per second.
 const SPEED: u16 = 500;
-/// The gripper's speed, in ticks per second.
-const GRIPPER_SPEED: GripperSpeed = GripperSpeed(1000);
 
 /// Stops a moving arm and keeps its torque on: a state machine without I/O.
 ///
@@ -273,7 +271,7 @@ impl Stop {
         let gripper = self.gripper.or(state.opening().ok()).unwrap_or(Opening::OPEN);
         Move {
             joints: joints.map(|position| (position, speed)),
-            gripper: (gripper, GRIPPER_SPEED),
+            gripper: (gripper, GripperSpeed::DEFAULT),
         }
     }
 }
