@@ -18,7 +18,7 @@ use crate::joint_states::{Reading, Units};
 use crate::motion::{Abort, Motion, Output};
 use crate::node::Endpoints;
 use crate::options::Arm;
-use crate::services::{Action, Pending, refused};
+use crate::services::{Pending, refused};
 use crate::source::{Input, Requests, Source};
 use crate::trajectory::{Joint, Refusal};
 
@@ -154,8 +154,8 @@ impl<'a, 'b> Session<'a, 'b> {
             let mut is_received = false;
             for input in self.source.receive(self.clock.now(), &mut self.stream)? {
                 match input {
-                    Input::Reading(at, state) => {
-                        self.publish(at, &state);
+                    Input::Reading { at, age, state } => {
+                        self.publish(at, self.clock.now() - age, &state);
                         is_received = true;
                     }
                     Input::Event(event) => self.take_event(&event),
@@ -192,7 +192,8 @@ impl<'a, 'b> Session<'a, 'b> {
         self.clients.diagnostics.adapter_event = Some(event);
     }
 
-    fn publish(&mut self, at: i64, state: &JointState) {
+    /// Publishes a reading with this stamp, which was made at `made`.
+    fn publish(&mut self, at: i64, made: time::Instant, state: &JointState) {
         let diagnostics = &mut self.clients.diagnostics;
         let Ok(reading) = Reading::new(at, state, self.stroke) else {
             diagnostics.unusable += 1;
@@ -203,9 +204,9 @@ impl<'a, 'b> Session<'a, 'b> {
         diagnostics.status = Some(reading.state.status);
         self.clients.publish(&reading, &self.joints);
         self.latest = reading;
-        self.motion.on_reading(self.clock.now(), &self.latest);
+        self.motion.on_reading(made, &self.latest);
         for pending in &mut self.pending {
-            pending.on_joints(at, state);
+            pending.on_joints(made, state);
         }
     }
 
@@ -241,22 +242,14 @@ impl<'a, 'b> Session<'a, 'b> {
                 let outcome = refused("sent, but not read back: another request followed");
                 self.clients.respond(earlier.effect(), earlier.id, outcome);
             }
-            self.pending.push(Pending::new(id, effect));
-            self.serve_pending()?;
+            let sent = self.stream.send(effect);
+            self.pending.push(Pending::sent(id, effect, self.clock.now()));
+            sent?;
         }
-        self.serve_pending()
-    }
-
-    /// Sends new requests, and answers those that are read back.
-    fn serve_pending(&mut self) -> Result<(), Failure> {
         for nth in (0..self.pending.len()).rev() {
-            match self.pending[nth].poll(stamps::now()) {
-                Action::Send(effect) => self.stream.send(effect)?,
-                Action::Wait => {}
-                Action::Answer(outcome) => {
-                    let pending = self.pending.swap_remove(nth);
-                    self.clients.respond(pending.effect(), pending.id, outcome);
-                }
+            if let Some(outcome) = self.pending[nth].poll(self.clock.now()) {
+                let pending = self.pending.swap_remove(nth);
+                self.clients.respond(pending.effect(), pending.id, outcome);
             }
         }
         Ok(())

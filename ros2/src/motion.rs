@@ -171,16 +171,16 @@ impl Motion {
         Ok(())
     }
 
-    /// Takes a reading received at `now`.
-    pub(crate) fn on_reading(&mut self, now: Instant, reading: &Reading) {
+    /// Takes a reading that was made at `at`.
+    pub(crate) fn on_reading(&mut self, at: Instant, reading: &Reading) {
         self.reading = reading.clone();
-        self.engine.on_joints(now, &reading.state);
+        self.engine.on_joints(at, &reading.state);
         if reading.state.status.is_torque_off() {
             // A later torque-on must not resume it.
             self.abort(&Abort::TorqueLost);
             return;
         }
-        self.track(now);
+        self.track(at);
     }
 
     /// Ends the trajectory of a goal. The arm holds its last setpoint.

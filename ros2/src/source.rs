@@ -4,7 +4,7 @@ use armwire::ling::{JointState, Ling, Response};
 use armwire::messages::Messages;
 use armwire::time::{Duration, Instant};
 use armwire_bridge::control::Event;
-use armwire_host::stamps::{self, Clock, HostTime};
+use armwire_host::stamps::{Clock, HostTime};
 use armwire_host::{Adapter, Error, Stream};
 
 /// Maximum wait for a reading before setpoints and requests have their turn.
@@ -12,10 +12,28 @@ const STEP: Duration = Duration::from_millis(5);
 
 /// The input within a step.
 pub(crate) enum Input {
-    /// A reading, and its system time in nanoseconds since 1970.
-    Reading(i64, JointState),
+    /// A reading.
+    Reading {
+        /// Its system time, in nanoseconds since 1970.
+        at: i64,
+        /// Its age at its receipt, on the monotonic clock.
+        age: Duration,
+        state: JointState,
+    },
     /// An event of the adapter that is no frame.
     Event(Event),
+}
+
+impl Input {
+    /// A reading that was made and received at these times.
+    pub(crate) fn reading(made: HostTime, received: HostTime, state: JointState) -> Self {
+        let age = received.monotonic_ns - made.monotonic_ns;
+        Self::Reading {
+            at: made.unix_ns,
+            age: Duration::from_micros(u64::try_from(age / 1_000).unwrap_or(0)),
+            state,
+        }
+    }
 }
 
 /// The source of an arm's readings.
@@ -61,12 +79,13 @@ impl Source {
                     return Ok(Vec::new());
                 };
                 stream.on_joints(&state);
-                let at = clock.host_time(stamp, HostTime::now()).unix_ns;
-                Ok(vec![Input::Reading(at, state)])
+                let received = HostTime::now();
+                Ok(vec![Input::reading(clock.host_time(stamp, received), received, state)])
             }
             Self::Arm(requests) => {
                 let readings = requests.receive(now, stream)?;
-                let reading = |state| Input::Reading(stamps::now(), state);
+                let received = HostTime::now();
+                let reading = |state| Input::reading(received, received, state);
                 Ok(readings.into_iter().map(reading).collect())
             }
         }

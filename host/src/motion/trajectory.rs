@@ -76,12 +76,13 @@ impl Trajectory {
         self.is_sent
     }
 
-    /// Takes a pose of the arm at `at`. Returns the end, if it is at the last pose, or is not there in time.
+    /// Takes a pose that the arm had at `at`. Returns the end, if it is at the last pose, or is not there in time.
     pub fn on_pose(&self, at: Instant, pose: &Axes) -> Option<End> {
         let tolerances = self.tolerances.as_ref().filter(|_| self.is_sent)?;
-        match off(&self.at(at), pose, &tolerances.goal) {
+        let end = self.began + self.length();
+        match off(&self.at(end), pose, &tolerances.goal) {
             None => Some(End::Arrived),
-            Some(off) if at.since(self.began + self.length()) >= tolerances.goal_time => Some(End::Away(off)),
+            Some(off) if at.since(end) >= tolerances.goal_time => Some(End::Away(off)),
             Some(_) => None,
         }
     }
@@ -304,6 +305,16 @@ mod tests {
             allowed: 30.0,
         };
         assert_eq!(bench.run(3_000, true), Some((1_500, End::Away(off))));
+    }
+
+    #[test]
+    fn reading_before_the_end_is_no_arrival() {
+        let mut bench = Bench::new(None);
+        bench.is_blocked = true;
+        bench.run(1_005, true);
+        assert!(bench.trajectory.is_sent());
+        let on_path = with_gripper([2_050.0; JOINTS], 0.0);
+        assert_eq!(bench.trajectory.on_pose(Instant::from_millis(500), &on_path), None);
     }
 
     #[test]
