@@ -281,7 +281,7 @@ impl<'a, 'b> Session<'a, 'b> {
     /// Ends the stream at the adapter, which would otherwise report a silent host.
     fn end_stream(&mut self) -> Result<(), Failure> {
         if let Some(adapter) = self.source.adapter().filter(|_| self.is_streaming) {
-            adapter.call(control::Request::EndStream)?;
+            adapter.send(control::Request::EndStream)?;
         }
         self.is_streaming = false;
         Ok(())

@@ -32,6 +32,8 @@ const MAX_EVENTS: usize = 4_096;
 pub struct Adapter {
     transport: Box<dyn Transport>,
     sequence: u8,
+    /// The sequence number of the last request that was sent without a wait.
+    sent: Option<u8>,
     /// True if this port may be subscribed to events: from a subscription that is sent to the reply that ends it.
     is_subscribed: bool,
     /// Events that were received before a reply, and messages that cannot be read.
@@ -91,6 +93,7 @@ impl Adapter {
         Self {
             transport,
             sequence: first_sequence(),
+            sent: None,
             is_subscribed: false,
             events: VecDeque::new(),
             dropped: 0,
@@ -155,6 +158,19 @@ impl Adapter {
         }
     }
 
+    /// Sends a request without a wait for its reply. A refusal is an error of [`next_event`](Self::next_event), unless a
+    /// call comes first.
+    ///
+    /// # Errors
+    ///
+    /// [`Error`]: the port fails.
+    pub fn send(&mut self, request: Request) -> Result<(), Error> {
+        self.sequence = self.sequence.wrapping_add(1);
+        self.sent = Some(self.sequence);
+        let sequence = self.sequence;
+        self.transport.send(&FromHost { sequence, request })
+    }
+
     /// Stops the arm, whoever moves it: see [`Request::Stop`].
     ///
     /// # Errors
@@ -187,6 +203,10 @@ impl Adapter {
             let left = until.saturating_duration_since(Instant::now());
             match self.transport.receive(left)? {
                 Some(Ok(FromAdapter::Event { at, event })) => return Ok(Some((at, event))),
+                Some(Ok(FromAdapter::Reply { sequence, reply })) if self.sent == Some(sequence) => {
+                    self.sent = None;
+                    self.checked(reply)?;
+                }
                 Some(Ok(FromAdapter::Reply { .. })) => {}
                 Some(Err(error)) => return Err(self.malformed(error)),
                 None if left.is_zero() => return Ok(None),
@@ -405,6 +425,16 @@ mod tests {
         }
         assert!(stop(Failure::NotStoppable(ArmKind::Raw)).contains("'raw'"));
         assert!(link(0).stop().is_ok());
+    }
+
+    #[test]
+    fn refusal_of_a_sent_request_follows() {
+        let mut link = link_with(1, Reply::Unsupported { version: 1 });
+        link.send(Request::EndStream).unwrap();
+        assert!(link.next_event(Duration::ZERO).unwrap().is_some());
+        let error = link.next_event(Duration::ZERO).unwrap_err();
+        assert!(matches!(error, Error::Unsupported { .. }), "{error:?}");
+        assert_eq!(link.next_event(Duration::ZERO).unwrap(), None);
     }
 
     #[test]
