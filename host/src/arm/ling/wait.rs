@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use armwire::ling::arrival::{Arrival, Arrived, Tolerances};
 use armwire::ling::effect::{Effect, Outcome, Output};
-use armwire::ling::{JointState, Move, ReadBack, Request};
+use armwire::ling::{JointState, Move, Opening, ReadBack, Request};
 
 use super::Ling;
 use crate::arm::shared::Shared;
@@ -19,6 +19,9 @@ pub(super) const POLL_PERIOD: Duration = Duration::from_millis(20);
 /// The readings of an arm in motion, one at a time. A missing or unacceptable answer costs one reading.
 #[derive(Debug, Default)]
 pub struct MotionReadings {
+    /// The gripper's goal in the last move that is known here. Another call may switch the torque off between two
+    /// readings: the arm forgets the goal then.
+    gripper: Option<Opening>,
     /// The time since which no answer came.
     silent_since: Option<Instant>,
 }
@@ -32,16 +35,17 @@ impl MotionReadings {
     /// [`Error::TorqueOff`] if the torque went off after a move. [`Error::Unanswered`] after [`Ling::SILENCE`] without an
     /// answer: the arm was asked to stop, as by [`Ling::stop`]. Errors of the line that do not pass.
     pub fn read(&mut self, arm: &mut Ling) -> Result<Option<JointState>, Error> {
-        let Some(gripper) = arm.gripper else {
+        self.gripper = arm.gripper.or(self.gripper);
+        let Some(gripper) = self.gripper else {
             return arm.read_joints().map(Some);
         };
         let begun = Instant::now();
         match arm.read_joints() {
-            Ok(state) if arm.may_move => {
+            Ok(state) if state.status.is_torque_off() => Err(arm.without_torque(&state, TorqueOffEffect::MotionEnded)),
+            Ok(state) => {
                 self.silent_since = None;
                 Ok(Some(state))
             }
-            Ok(state) => Err(arm.without_torque(&state, TorqueOffEffect::MotionEnded)),
             Err(error) => {
                 let cause = stop::passing(error)?;
                 let since = *self.silent_since.get_or_insert(begun);
@@ -66,12 +70,16 @@ struct Wait {
 impl Wait {
     /// The wait for this move, which was just sent.
     fn new(target: &Move, limit: Duration) -> Self {
+        let (gripper, _speed) = target.gripper;
         Self {
             target: *target,
             limit,
             clock: Stopwatch::start(),
             arrival: Arrival::new(*target, Tolerances::MOVE),
-            readings: MotionReadings::default(),
+            readings: MotionReadings {
+                gripper: Some(gripper),
+                ..MotionReadings::default()
+            },
         }
     }
 
@@ -192,10 +200,10 @@ fn until<T>(mut read: impl FnMut() -> Result<Option<T>, Error>) -> Result<T, Err
 
 #[cfg(test)]
 mod tests {
-    use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-    use std::sync::{Arc, OnceLock, mpsc};
+    use std::ops::Range;
+    use std::sync::{Arc, Mutex, OnceLock, PoisonError, mpsc};
 
-    use armwire::ling::{GripperSpeed, JOINTS, Ling as Protocol, MotionStatus, Opening, Position, Response, Speed};
+    use armwire::ling::{GripperSpeed, JOINTS, Ling as Protocol, MotionStatus, Position, Response, Speed, Torque};
     use armwire::messages::Messages;
 
     use super::*;
@@ -205,12 +213,26 @@ mod tests {
     /// The number of the request in which a call of another thread begins.
     const CALLED: usize = 4;
 
-    /// An arm that arrives when it is told to.
-    #[derive(Default)]
+    /// An arm that does as it is told.
+    struct Arm {
+        joints: [u16; JOINTS],
+        status: MotionStatus,
+        /// The number of requests.
+        requests: usize,
+        /// The numbers of the requests that fail.
+        failing: Range<usize>,
+    }
+
+    /// The arm, and its handle once there is one.
     struct Moving {
-        arm: OnceLock<Shared<Ling>>,
-        requests: AtomicUsize,
-        has_arrived: AtomicBool,
+        shared: OnceLock<Shared<Ling>>,
+        arm: Mutex<Arm>,
+    }
+
+    impl Moving {
+        fn set<T>(&self, set: impl FnOnce(&mut Arm) -> T) -> T {
+            set(&mut self.arm.lock().unwrap_or_else(PoisonError::into_inner))
+        }
     }
 
     /// Its line.
@@ -226,14 +248,12 @@ mod tests {
         }
 
         fn read(&mut self, buf: &mut [u8], _: Duration) -> Result<usize, Error> {
-            let joints = match self.moving.has_arrived.load(Ordering::Relaxed) {
-                true => [2_100; JOINTS],
-                false => [2_048; JOINTS],
-            };
-            let response = Response::Joints(JointState {
-                joints,
-                gripper: 500,
-                status: MotionStatus::Locked,
+            let response = self.moving.set(|arm| {
+                Response::Joints(JointState {
+                    joints: arm.joints,
+                    gripper: 500,
+                    status: arm.status,
+                })
             });
             match std::mem::take(&mut self.is_asked) {
                 true => Ok(Protocol.encode_response(&response, None, buf).unwrap()),
@@ -242,10 +262,17 @@ mod tests {
         }
 
         fn write(&mut self, bytes: &[u8]) -> Result<usize, Error> {
+            let (number, fails) = self.moving.set(|arm| {
+                arm.requests += 1;
+                (arm.requests, arm.failing.contains(&arm.requests))
+            });
+            if fails {
+                return Err(Error::at("fake", "no"));
+            }
             self.is_asked = true;
-            if self.moving.requests.fetch_add(1, Ordering::Relaxed) + 1 == CALLED {
+            if number == CALLED {
                 self.is_called.send(()).unwrap();
-                let arm = self.moving.arm.get().unwrap();
+                let arm = self.moving.shared.get().unwrap();
                 // Until the other thread waits for the arm.
                 while !arm.is_awaited() {
                     thread::yield_now();
@@ -259,17 +286,31 @@ mod tests {
         }
     }
 
-    #[test]
-    fn call_has_its_turn_within_a_wait() {
-        let moving = Arc::new(Moving::default());
+    /// An arm that holds its pose, and the report of its request [`CALLED`].
+    fn moving() -> (Arc<Moving>, Ling, mpsc::Receiver<()>) {
+        let moving = Arc::new(Moving {
+            shared: OnceLock::new(),
+            arm: Mutex::new(Arm {
+                joints: [2_048; JOINTS],
+                status: MotionStatus::Locked,
+                requests: 0,
+                failing: 0..0,
+            }),
+        });
         let (sender, is_called) = mpsc::channel();
         let arm = super::super::tests::ling(Box::new(Wire {
             moving: Arc::clone(&moving),
             is_called: sender,
             is_asked: false,
         }));
+        (moving, arm, is_called)
+    }
+
+    /// The result of a move whose wait another thread interrupts by this call.
+    fn move_with_call(call: impl FnOnce(&Moving, &mut Ling) -> Result<(), Error>) -> Result<JointState, Error> {
+        let (moving, arm, is_called) = moving();
         let shared = Shared::new("fake", arm);
-        assert!(moving.arm.set(shared.clone()).is_ok());
+        assert!(moving.shared.set(shared.clone()).is_ok());
         let target = Move {
             joints: [(Position::new(2_100).unwrap(), Speed::MAX); JOINTS],
             gripper: (Opening::new(500).unwrap(), GripperSpeed(1_000)),
@@ -277,15 +318,50 @@ mod tests {
         let mover = shared.clone();
         let wait = thread::spawn(move || mover.move_and_wait(&target, Duration::from_secs(5)));
         is_called.recv().unwrap();
-        let requests = shared.call(|_| {
-            moving.has_arrived.store(true, Ordering::Relaxed);
-            Ok::<_, Error>(moving.requests.load(Ordering::Relaxed))
+        shared.call(|arm| call(&moving, arm)).unwrap();
+        wait.join().unwrap()
+    }
+
+    #[test]
+    fn call_has_its_turn_within_a_wait() {
+        let arrived = move_with_call(|moving, _| {
+            let requests = moving.set(|arm| {
+                arm.joints = [2_100; JOINTS];
+                arm.requests
+            });
+            assert_eq!(requests, CALLED, "no reading comes before it");
+            Ok(())
         });
-        assert_eq!(requests.unwrap(), CALLED, "no reading comes before it");
-        assert_eq!(
-            wait.join().unwrap().unwrap().joints,
-            [2_100; JOINTS],
-            "the wait goes on"
-        );
+        assert_eq!(arrived.unwrap().joints, [2_100; JOINTS], "the wait goes on");
+    }
+
+    #[test]
+    fn torque_off_of_another_thread_ends_a_wait() {
+        let ended = move_with_call(|moving, arm| {
+            arm.send(Effect::Torque(Torque::Off))?;
+            moving.set(|arm| {
+                arm.status = MotionStatus::Idle;
+                arm.failing = arm.requests + 1..arm.requests + 2;
+            });
+            Ok(())
+        });
+        let error = ended.unwrap_err();
+        let effect = match &error {
+            Error::TorqueOff { effect, .. } => *effect,
+            _ => panic!("{error}"),
+        };
+        assert_eq!(effect, TorqueOffEffect::MotionEnded);
+    }
+
+    #[test]
+    fn readings_of_a_moved_arm_show_torque_off() {
+        let (moving, mut arm, _is_called) = moving();
+        arm.gripper = Some(Opening::OPEN);
+        let mut readings = MotionReadings::default();
+        assert!(readings.read(&mut arm).unwrap().is_some());
+        arm.send(Effect::Torque(Torque::Off)).unwrap();
+        moving.set(|arm| arm.status = MotionStatus::Idle);
+        let error = readings.read(&mut arm).unwrap_err();
+        assert!(matches!(error, Error::TorqueOff { .. }), "{error}");
     }
 }
