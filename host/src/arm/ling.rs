@@ -252,7 +252,7 @@ impl Ling {
     ///
     /// # Errors
     ///
-    /// [`Error::NoEffect`] if the arm shows for 0.5 s that the torque was not switched.
+    /// [`Error::NoEffect`] if the arm shows for 0.5 s that the torque was not switched, or gives no acceptable answer.
     pub fn set_torque(&mut self, torque: Torque) -> Result<Outcome, Error> {
         self.switch(Effect::Torque(torque))
     }
@@ -261,7 +261,7 @@ impl Ling {
     ///
     /// # Errors
     ///
-    /// [`Error::NoEffect`] if the joints are not at zero for 0.5 s.
+    /// [`Error::NoEffect`] if the joints are not at zero for 0.5 s, or the arm gives no acceptable answer.
     pub fn set_zero(&mut self) -> Result<Outcome, Error> {
         self.switch(Effect::Zero)
     }

@@ -125,14 +125,17 @@ impl Switching {
     ///
     /// # Errors
     ///
-    /// [`Error::NoEffect`] if the arm shows for 0.5 s that the request has no effect; errors of a read.
+    /// [`Error::NoEffect`] if the arm shows for 0.5 s that the request has no effect, or gives no acceptable answer. Errors
+    /// of the line that do not pass.
     pub fn step(&mut self, arm: &mut Ling) -> Result<Option<Outcome>, Error> {
         loop {
             match self.read_back.poll(self.clock.now()) {
-                Output::Request(Request::ReadJoints) => {
-                    let state = arm.read_joints()?;
-                    self.read_back.on_joints(self.clock.now(), &state);
-                }
+                Output::Request(Request::ReadJoints) => match arm.read_joints() {
+                    Ok(state) => self.read_back.on_joints(self.clock.now(), &state),
+                    Err(error) => {
+                        stop::passing(error)?;
+                    }
+                },
                 Output::Request(_) => arm.send(self.effect)?,
                 Output::Wait(_) => return arm.link.check_interrupt().map(|()| None),
                 Output::Done(result) => {
@@ -363,5 +366,24 @@ mod tests {
         moving.set(|arm| arm.status = MotionStatus::Idle);
         let error = readings.read(&mut arm).unwrap_err();
         assert!(matches!(error, Error::TorqueOff { .. }), "{error}");
+    }
+
+    #[test]
+    fn lost_readings_leave_the_effect_to_the_rest() {
+        let (moving, mut arm, _is_called) = moving();
+        moving.set(|arm| arm.failing = 2..3);
+        let outcome = arm.set_torque(Torque::On).unwrap();
+        assert!(outcome.is_shown, "{outcome}");
+    }
+
+    #[test]
+    fn effect_without_any_reading_is_not_confirmed() {
+        let (moving, mut arm, _is_called) = moving();
+        moving.set(|arm| arm.failing = 2..usize::MAX);
+        let error = arm.set_torque(Torque::Off).unwrap_err();
+        assert_eq!(
+            error.to_string(),
+            "fake: torque off was sent, but no reading came within 0.5 s"
+        );
     }
 }
