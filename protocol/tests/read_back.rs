@@ -105,3 +105,41 @@ fn reading_of_the_time_before_says_nothing() {
     read_back.on_joints(now + Duration::from_millis(1), &state(1, 2048));
     assert!(matches!(read_back.poll(now), Output::Done(Ok(_))));
 }
+
+/// Other calls run from the first reading until after the limit.
+#[test]
+fn verdict_needs_a_reading_at_the_limit() {
+    let start = Instant::from_millis(3_000);
+    for (late, is_shown) in [
+        (state(0x01, 2048), Some(true)),
+        (state(0x10, 2048), Some(false)),
+        (state(0x00, 2048), None),
+    ] {
+        let mut read_back = ReadBack::new(ON);
+        assert_eq!(read_back.poll(start), Output::Request(ON.request()));
+        assert_eq!(read_back.poll(start), Output::Request(Request::ReadJoints));
+        let first = start + Duration::from_millis(1);
+        read_back.on_joints(first, &state(0x00, 2048));
+        assert!(matches!(read_back.poll(first), Output::Wait(_)));
+        let now = start + ReadBack::LIMIT + Duration::from_millis(10);
+        assert_eq!(read_back.poll(now), Output::Request(Request::ReadJoints));
+        assert!(
+            matches!(read_back.poll(now), Output::Wait(_)),
+            "the answer is on its way"
+        );
+        let now = now + Duration::from_millis(5);
+        read_back.on_joints(now, &late);
+        let Output::Done(result) = read_back.poll(now) else {
+            panic!("the late reading decides");
+        };
+        assert_eq!(result.ok().map(|outcome| outcome.is_shown), is_shown);
+    }
+}
+
+#[test]
+fn lost_late_reading_ends_the_read_back() {
+    let is_early = |at: Duration| at < Duration::from_millis(10);
+    let (result, time, requests) = read_back(ON, |at| is_early(at).then(|| state(0x00, 2048)));
+    assert!(matches!(result, Err(EffectError::Contradicted { .. })), "{result:?}");
+    assert_eq!((time, requests), (ReadBack::LIMIT + Duration::from_millis(100), 1));
+}

@@ -8,6 +8,9 @@ use crate::time::{Duration, Instant};
 /// Time between two readings.
 const PERIOD: Duration = Duration::from_millis(20);
 
+/// Time for a last reading after [`ReadBack::LIMIT`].
+const EXTRA: Duration = Duration::from_millis(100);
+
 /// The effect of a request that the arm does not answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -33,8 +36,8 @@ pub enum Verdict {
 /// Makes a request that the arm does not answer, and reads its effect back: a state machine without I/O.
 ///
 /// The request is made once: a second zero would take the pose of an arm that falls. The first reading that shows the
-/// effect ends the read-back. Otherwise the last one within [`ReadBack::LIMIT`] decides. A reading that is not later than
-/// the request says nothing.
+/// effect ends the read-back. Otherwise the one at [`ReadBack::LIMIT`] decides: an older one leaves 0.1 s more for it.
+/// A reading that is not later than the request says nothing.
 ///
 /// [`poll`](Self::poll) returns requests; the joints read by [`Request::ReadJoints`] go in by
 /// [`on_joints`](Self::on_joints). A failed read needs no call: it is repeated. A caller that gets readings anyway
@@ -66,8 +69,10 @@ pub struct ReadBack {
     effect: Effect,
     /// The time of the request.
     sent: Option<Instant>,
-    /// The last reading after the request.
-    last: Option<JointState>,
+    /// The last reading after the request, and its time.
+    last: Option<(Instant, JointState)>,
+    /// The end of the time for a last reading after the limit, if the one before is old.
+    extended: Option<Instant>,
     step: Step,
 }
 
@@ -161,6 +166,7 @@ impl ReadBack {
             effect,
             sent: None,
             last: None,
+            extended: None,
             step: Step::Send,
         }
     }
@@ -182,21 +188,24 @@ impl ReadBack {
 
     /// The next action.
     pub fn poll(&mut self, now: Instant) -> Output {
-        let limit = self.sent.map(|sent| sent + Self::LIMIT);
+        let limit = self.sent.map_or(now, |sent| sent + Self::LIMIT);
         match self.step {
             Step::Send => {
                 self.sent = Some(now);
                 self.step = Step::Read(now);
                 Output::Request(self.effect.request())
             }
-            Step::Read(_) if limit.is_some_and(|limit| now >= limit) => {
-                self.step = Step::End;
-                Output::Done(self.end())
-            }
-            Step::Read(at) if at > now => Output::Wait(limit.map_or(at, |limit| at.min(limit))),
-            Step::Read(_) => {
-                self.step = Step::Read(now + PERIOD);
-                Output::Request(Request::ReadJoints)
+            Step::Read(next) => {
+                let end = self.end_of_reading(now, limit);
+                if now >= end {
+                    self.step = Step::End;
+                    Output::Done(self.end())
+                } else if next > now {
+                    Output::Wait(next.min(end))
+                } else {
+                    self.step = Step::Read(now + PERIOD);
+                    Output::Request(Request::ReadJoints)
+                }
             }
             Step::End => Output::Done(self.end()),
         }
@@ -207,17 +216,27 @@ impl ReadBack {
         if let Step::Read(_) = self.step
             && self.sent.is_some_and(|sent| now > sent)
         {
-            self.last = Some(*state);
+            self.last = Some((now, *state));
             if self.effect.verdict(state) == Verdict::Confirmed {
                 self.step = Step::End;
             }
         }
     }
 
+    /// The end of the readings: the limit, but later if the last reading is older than a period then. The caller may have
+    /// made other calls since.
+    fn end_of_reading(&mut self, now: Instant, limit: Instant) -> Instant {
+        let is_old = self.last.is_some_and(|(at, _)| at + PERIOD < limit);
+        match now >= limit && is_old {
+            true => *self.extended.get_or_insert(now + EXTRA),
+            false => limit,
+        }
+    }
+
     /// The end by the last reading.
     fn end(&self) -> Result<Outcome, EffectError> {
         let effect = self.effect;
-        let state = self.last.ok_or(EffectError::NoReading(effect))?;
+        let (_, state) = self.last.ok_or(EffectError::NoReading(effect))?;
         let is_shown = match effect.verdict(&state) {
             Verdict::Confirmed => true,
             Verdict::NotShown => false,
