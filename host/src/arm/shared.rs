@@ -2,6 +2,7 @@
 
 use std::fmt;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
 
 use crate::error::Error;
 
@@ -9,7 +10,7 @@ use crate::error::Error;
 /// another handle of the same arm.
 ///
 /// Commands go first: a [`call`](Self::call) waits for the call that runs, and for at most one read of a reader or of a
-/// [wait](Self::move_and_wait). These wait for all calls. A call that waits for a motion itself holds the arm meanwhile.
+/// [wait](Self::move_and_wait). These wait for all calls, a wait 0.1 s at most. A call that waits for a motion itself holds the arm meanwhile.
 ///
 /// [`Reader`]: crate::Reader
 pub struct Shared<A>(Arc<Inner<A>>);
@@ -46,11 +47,7 @@ impl<A> Shared<A> {
     ///
     /// [`Error::Closed`] if the arm was [taken](Self::take). Otherwise the error of `act`.
     pub fn call<T, E: From<Error>>(&self, act: impl FnOnce(&mut A) -> Result<T, E>) -> Result<T, E> {
-        let mut arm = self.wait();
-        match &mut *arm {
-            Some(arm) => act(arm),
-            None => Err(self.closed().into()),
-        }
+        self.run(self.wait(), act)
     }
 
     /// Takes the arm out, after the present call. Later calls fail, and readers end.
@@ -67,16 +64,36 @@ impl<A> Shared<A> {
         let waiting = lock(&self.0.waiting);
         let nobody_waits = self.0.nobody_waits.wait_while(waiting, |waiting| *waiting > 0);
         drop(nobody_waits.unwrap_or_else(PoisonError::into_inner));
-        match &mut *lock(&self.0.arm) {
-            Some(arm) => read(arm),
-            None => Err(self.closed()),
+        self.run(lock(&self.0.arm), read)
+    }
+
+    /// Runs `read` as [`read`](Self::read), but as a [`call`](Self::call) once calls have delayed it for this time.
+    ///
+    /// # Errors
+    ///
+    /// As of [`call`](Self::call).
+    pub(crate) fn read_within<T>(
+        &self,
+        patience: Duration,
+        read: impl FnOnce(&mut A) -> Result<T, Error>,
+    ) -> Result<T, Error> {
+        let waiting = lock(&self.0.waiting);
+        let waited = self
+            .0
+            .nobody_waits
+            .wait_timeout_while(waiting, patience, |waiting| *waiting > 0);
+        let (waiting, waited) = waited.unwrap_or_else(PoisonError::into_inner);
+        drop(waiting);
+        match waited.timed_out() {
+            true => self.call(read),
+            false => self.run(lock(&self.0.arm), read),
         }
     }
 
-    /// True if a call waits for the arm.
+    /// The number of calls that wait for the arm.
     #[cfg(test)]
-    pub(crate) fn is_awaited(&self) -> bool {
-        *lock(&self.0.waiting) > 0
+    pub(crate) fn waiting(&self) -> usize {
+        *lock(&self.0.waiting)
     }
 
     /// Waits for the arm, ahead of readers.
@@ -89,6 +106,17 @@ impl<A> Shared<A> {
             self.0.nobody_waits.notify_all();
         }
         arm
+    }
+
+    fn run<T, E: From<Error>>(
+        &self,
+        mut arm: MutexGuard<'_, Option<A>>,
+        act: impl FnOnce(&mut A) -> Result<T, E>,
+    ) -> Result<T, E> {
+        match &mut *arm {
+            Some(arm) => act(arm),
+            None => Err(self.closed().into()),
+        }
     }
 
     fn closed(&self) -> Error {
@@ -141,7 +169,7 @@ mod tests {
                 });
                 is_started.recv().unwrap();
                 // It waits now, or will at once.
-                while !shared.is_awaited() {
+                while shared.waiting() == 0 {
                     thread::yield_now();
                 }
                 Ok(thread)

@@ -54,7 +54,7 @@ pub use reading::{Counts, Reading, Stamping};
 /// if let Some(first) = reader.next_after(0, std::time::Duration::from_secs(1))? {
 ///     println!("{} at {} ns", first.pose, first.time.unix_ns);
 /// }
-/// reader.arm().call(|arm| arm.set_torque(Torque::On))?;
+/// reader.arm().set_torque(Torque::On)?;
 /// println!("{} µs old", reader.latest()?.age.as_micros());
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```

@@ -5,12 +5,13 @@ use std::time::{Duration, Instant};
 
 use armwire::ling::arrival::{Arrival, Arrived, Tolerances};
 use armwire::ling::effect::{Effect, Outcome, Output};
-use armwire::ling::{JointState, Move, Opening, ReadBack, Request};
+use armwire::ling::{JointState, Move, Opening, ReadBack, Request, Torque};
 
 use super::Ling;
 use crate::arm::shared::Shared;
 use crate::arm::stop;
 use crate::error::{Error, TorqueOffEffect};
+use crate::ports::link::INTERRUPT_PERIOD;
 use crate::time::stopwatch::Stopwatch;
 
 /// Time between two readings.
@@ -81,6 +82,11 @@ impl Wait {
                 ..MotionReadings::default()
             },
         }
+    }
+
+    /// The time for which other calls may delay the next reading, which checks the interrupt and the limit.
+    fn patience(&self) -> Duration {
+        INTERRUPT_PERIOD.min(self.limit.saturating_sub(self.clock.0.elapsed()))
     }
 
     /// Reads once. Returns the state at the target. An interrupt stops the arm.
@@ -187,7 +193,30 @@ impl Shared<Ling> {
     pub fn move_and_wait(&self, target: &Move, limit: Duration) -> Result<JointState, Error> {
         self.call(|arm| arm.begin_move(target))?;
         let mut wait = Wait::new(target, limit);
-        until(|| self.read(|arm| wait.read(arm)))
+        until(|| self.read_within(wait.patience(), |arm| wait.read(arm)))
+    }
+
+    /// Switches the torque, as [`Ling::set_torque`]. Other calls have their turn between two readings.
+    ///
+    /// # Errors
+    ///
+    /// As of [`Ling::set_torque`].
+    pub fn set_torque(&self, torque: Torque) -> Result<Outcome, Error> {
+        self.switch(Effect::Torque(torque))
+    }
+
+    /// Makes the present pose the zero position, as [`Ling::set_zero`]. Other calls have their turn between two readings.
+    ///
+    /// # Errors
+    ///
+    /// As of [`Ling::set_zero`].
+    pub fn set_zero(&self) -> Result<Outcome, Error> {
+        self.switch(Effect::Zero)
+    }
+
+    fn switch(&self, effect: Effect) -> Result<Outcome, Error> {
+        let mut switching = Switching::new(effect);
+        until(|| self.call(|arm| switching.step(arm)))
     }
 }
 
@@ -204,9 +233,10 @@ fn until<T>(mut read: impl FnMut() -> Result<Option<T>, Error>) -> Result<T, Err
 #[cfg(test)]
 mod tests {
     use std::ops::Range;
+    use std::sync::atomic::{AtomicBool, Ordering};
     use std::sync::{Arc, Mutex, OnceLock, PoisonError, mpsc};
 
-    use armwire::ling::{GripperSpeed, JOINTS, Ling as Protocol, MotionStatus, Position, Response, Speed, Torque};
+    use armwire::ling::{GripperSpeed, JOINTS, Ling as Protocol, MotionStatus, Position, Response, Speed};
     use armwire::messages::Messages;
 
     use super::*;
@@ -215,6 +245,10 @@ mod tests {
 
     /// The number of the request in which a call of another thread begins.
     const CALLED: usize = 4;
+    /// The joints of the target.
+    const TARGET: [u16; JOINTS] = [2_100; JOINTS];
+    /// The number of times that a thread yields until it gives up: seconds.
+    const YIELDS: u32 = 3_000_000;
 
     /// An arm that does as it is told.
     struct Arm {
@@ -229,6 +263,8 @@ mod tests {
     /// The arm, and its handle once there is one.
     struct Moving {
         shared: OnceLock<Shared<Ling>>,
+        /// The number of calls of other threads that begin in the request [`CALLED`].
+        callers: usize,
         arm: Mutex<Arm>,
     }
 
@@ -276,8 +312,8 @@ mod tests {
             if number == CALLED {
                 self.is_called.send(()).unwrap();
                 let arm = self.moving.shared.get().unwrap();
-                // Until the other thread waits for the arm.
-                while !arm.is_awaited() {
+                // Until the other threads wait for the arm.
+                while arm.waiting() < self.moving.callers {
                     thread::yield_now();
                 }
             }
@@ -290,11 +326,12 @@ mod tests {
     }
 
     /// An arm that holds its pose, and the report of its request [`CALLED`].
-    fn moving() -> (Arc<Moving>, Ling, mpsc::Receiver<()>) {
+    fn moving(callers: usize) -> (Arc<Moving>, Ling, mpsc::Receiver<()>) {
         let moving = Arc::new(Moving {
             shared: OnceLock::new(),
+            callers,
             arm: Mutex::new(Arm {
-                joints: [2_048; JOINTS],
+                joints: [2_000; JOINTS],
                 status: MotionStatus::Locked,
                 requests: 0,
                 failing: 0..0,
@@ -309,45 +346,91 @@ mod tests {
         (moving, arm, is_called)
     }
 
-    /// The result of a move whose wait another thread interrupts by this call.
-    fn move_with_call(call: impl FnOnce(&Moving, &mut Ling) -> Result<(), Error>) -> Result<JointState, Error> {
-        let (moving, arm, is_called) = moving();
+    /// The results of `wait` and of the calls which so many other threads make meanwhile.
+    fn calls_within<T: Send, U: Send>(
+        callers: usize,
+        wait: impl FnOnce(&Shared<Ling>) -> T + Send,
+        call: impl Fn(&Shared<Ling>, &Moving, &mut Ling) -> U + Sync,
+    ) -> (T, Vec<U>) {
+        let (moving, arm, is_called) = moving(callers);
         let shared = Shared::new("fake", arm);
         assert!(moving.shared.set(shared.clone()).is_ok());
+        thread::scope(|scope| {
+            let wait = scope.spawn(|| wait(&shared));
+            is_called.recv().unwrap();
+            let run = || shared.call(|arm| Ok::<_, Error>(call(&shared, &moving, arm))).unwrap();
+            let calls: Vec<_> = (0..callers).map(|_| scope.spawn(run)).collect();
+            let calls = calls.into_iter().map(|call| call.join().unwrap()).collect();
+            (wait.join().unwrap(), calls)
+        })
+    }
+
+    /// Moves the arm to [`TARGET`], for 5 s at most.
+    fn move_to_target(arm: &Shared<Ling>) -> Result<JointState, Error> {
         let target = Move {
-            joints: [(Position::new(2_100).unwrap(), Speed::MAX); JOINTS],
+            joints: TARGET.map(|ticks| (Position::new(ticks).unwrap(), Speed::MAX)),
             gripper: (Opening::new(500).unwrap(), GripperSpeed(1_000)),
         };
-        let mover = shared.clone();
-        let wait = thread::spawn(move || mover.move_and_wait(&target, Duration::from_secs(5)));
-        is_called.recv().unwrap();
-        shared.call(|arm| call(&moving, arm)).unwrap();
-        wait.join().unwrap()
+        arm.move_and_wait(&target, Duration::from_secs(5))
     }
 
     #[test]
     fn call_has_its_turn_within_a_wait() {
-        let arrived = move_with_call(|moving, _| {
-            let requests = moving.set(|arm| {
-                arm.joints = [2_100; JOINTS];
+        let (arrived, requests) = calls_within(1, move_to_target, |_, moving, _| {
+            moving.set(|arm| {
+                arm.joints = TARGET;
                 arm.requests
-            });
-            assert_eq!(requests, CALLED, "no reading comes before it");
-            Ok(())
+            })
         });
-        assert_eq!(arrived.unwrap().joints, [2_100; JOINTS], "the wait goes on");
+        assert_eq!(requests, [CALLED], "no reading comes before it");
+        assert_eq!(arrived.unwrap().joints, TARGET, "the wait goes on");
+    }
+
+    #[test]
+    fn call_has_its_turn_within_a_switching() {
+        for switch in [|arm: &Shared<Ling>| arm.set_torque(Torque::Off), Shared::set_zero] {
+            let switch = |arm: &Shared<Ling>| {
+                arm.call(|arm| arm.read_joints())?;
+                switch(arm)
+            };
+            let (outcome, requests) = calls_within(1, switch, |_, moving, _| {
+                moving.set(|arm| {
+                    (arm.joints, arm.status) = ([2_048; JOINTS], MotionStatus::Idle);
+                    arm.requests
+                })
+            });
+            assert_eq!(requests, [CALLED], "no reading comes before it");
+            assert!(outcome.unwrap().is_shown, "the read-back goes on");
+        }
+    }
+
+    #[test]
+    fn wait_has_its_turn_among_ceaseless_calls() {
+        let has_turn = AtomicBool::new(false);
+        // Another call waits while the first one runs, and the wait comes as a third.
+        let (arrived, turns) = calls_within(2, move_to_target, |shared, moving, _| {
+            moving.set(|arm| arm.joints = TARGET);
+            (0..YIELDS).any(|_| {
+                thread::yield_now();
+                has_turn.fetch_or(shared.waiting() == 2, Ordering::Relaxed);
+                has_turn.load(Ordering::Relaxed)
+            })
+        });
+        assert_eq!(turns, [true; 2]);
+        assert_eq!(arrived.unwrap().joints, TARGET);
     }
 
     #[test]
     fn torque_off_of_another_thread_ends_a_wait() {
-        let ended = move_with_call(|moving, arm| {
+        let (ended, sent) = calls_within(1, move_to_target, |_, moving, arm| {
             arm.send(Effect::Torque(Torque::Off))?;
             moving.set(|arm| {
                 arm.status = MotionStatus::Idle;
                 arm.failing = arm.requests + 1..arm.requests + 2;
             });
-            Ok(())
+            Ok::<_, Error>(())
         });
+        assert!(matches!(sent[..], [Ok(())]), "{sent:?}");
         let error = ended.unwrap_err();
         let effect = match &error {
             Error::TorqueOff { effect, .. } => *effect,
@@ -358,7 +441,7 @@ mod tests {
 
     #[test]
     fn readings_of_a_moved_arm_show_torque_off() {
-        let (moving, mut arm, _is_called) = moving();
+        let (moving, mut arm, _is_called) = moving(1);
         arm.gripper = Some(Opening::OPEN);
         let mut readings = MotionReadings::default();
         assert!(readings.read(&mut arm).unwrap().is_some());
@@ -370,7 +453,7 @@ mod tests {
 
     #[test]
     fn lost_readings_leave_the_effect_to_the_rest() {
-        let (moving, mut arm, _is_called) = moving();
+        let (moving, mut arm, _is_called) = moving(1);
         moving.set(|arm| arm.failing = 2..3);
         let outcome = arm.set_torque(Torque::On).unwrap();
         assert!(outcome.is_shown, "{outcome}");
@@ -378,7 +461,7 @@ mod tests {
 
     #[test]
     fn effect_without_any_reading_is_not_confirmed() {
-        let (moving, mut arm, _is_called) = moving();
+        let (moving, mut arm, _is_called) = moving(1);
         moving.set(|arm| arm.failing = 2..usize::MAX);
         let error = arm.set_torque(Torque::Off).unwrap_err();
         assert_eq!(

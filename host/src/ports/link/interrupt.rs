@@ -6,7 +6,7 @@ use std::time::Duration;
 use crate::error::Error;
 
 /// Maximum wait for a line between two runs of a check.
-const PERIOD: Duration = Duration::from_millis(100);
+pub(crate) const PERIOD: Duration = Duration::from_millis(100);
 
 /// The result of a check during waits. Its error ends the wait.
 pub type Interrupt = Result<(), Box<dyn error::Error + Send + Sync>>;

@@ -24,6 +24,7 @@ use crate::error::Error;
 use crate::ports::line::Line;
 use crate::ports::tap::Tap;
 pub use interrupt::Interrupt;
+pub(crate) use interrupt::PERIOD as INTERRUPT_PERIOD;
 use line_client::LineClient;
 pub use line_errors::LineErrors;
 
