@@ -252,7 +252,8 @@ impl Ling {
     ///
     /// # Errors
     ///
-    /// [`Error::NoEffect`] if the arm shows for 0.5 s that the torque was not switched, or gives no acceptable answer.
+    /// [`Error::NoEffect`] if the arm shows for 0.5 s that the torque was not switched, or gives no acceptable answer;
+    /// [`Error::NoAnswer`] if it gives none.
     pub fn set_torque(&mut self, torque: Torque) -> Result<Outcome, Error> {
         self.switch(Effect::Torque(torque))
     }
@@ -261,7 +262,8 @@ impl Ling {
     ///
     /// # Errors
     ///
-    /// [`Error::NoEffect`] if the joints are not at zero for 0.5 s, or the arm gives no acceptable answer.
+    /// [`Error::NoEffect`] if the joints are not at zero for 0.5 s, or the arm gives no acceptable answer;
+    /// [`Error::NoAnswer`] if it gives none.
     pub fn set_zero(&mut self) -> Result<Outcome, Error> {
         self.switch(Effect::Zero)
     }

@@ -4,7 +4,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use armwire::ling::arrival::{Arrival, Arrived, Tolerances};
-use armwire::ling::effect::{Effect, Outcome, Output};
+use armwire::ling::effect::{Effect, EffectError, Outcome, Output};
 use armwire::ling::{JointState, Move, Opening, ReadBack, Request, Torque};
 
 use super::Ling;
@@ -115,6 +115,8 @@ pub struct Switching {
     effect: Effect,
     clock: Stopwatch,
     read_back: ReadBack,
+    /// The last missing answer.
+    missing: Option<Error>,
 }
 
 impl Switching {
@@ -124,6 +126,7 @@ impl Switching {
             effect,
             clock: Stopwatch::start(),
             read_back: ReadBack::new(effect),
+            missing: None,
         }
     }
 
@@ -131,27 +134,49 @@ impl Switching {
     ///
     /// # Errors
     ///
-    /// [`Error::NoEffect`] if the arm shows for 0.5 s that the request has no effect, or gives no acceptable answer. Errors
-    /// of the line that do not pass.
+    /// [`Error::NoEffect`] if the arm shows for 0.5 s that the request has no effect, or gives no acceptable answer;
+    /// [`Error::NoAnswer`] if it gives none. Errors of the line that do not pass.
     pub fn step(&mut self, arm: &mut Ling) -> Result<Option<Outcome>, Error> {
         loop {
             match self.read_back.poll(self.clock.now()) {
                 Output::Request(Request::ReadJoints) => match arm.read_joints() {
                     Ok(state) => self.read_back.on_joints(self.clock.now(), &state),
+                    Err(error @ Error::NoAnswer { .. }) => self.missing = Some(error),
                     Err(error) => {
                         stop::passing(error)?;
                     }
                 },
                 Output::Request(_) => arm.send(self.effect)?,
                 Output::Wait(_) => return arm.link.check_interrupt().map(|()| None),
-                Output::Done(result) => {
-                    let name = arm.name();
-                    return result.map(Some).map_err(|cause| Error::NoEffect {
-                        name: name.into(),
-                        cause,
-                    });
-                }
+                Output::Done(Ok(outcome)) => return Ok(Some(outcome)),
+                Output::Done(Err(cause)) => return Err(self.no_effect(arm.name(), cause)),
             }
+        }
+    }
+
+    /// The error of an arm at `name`. A silent one keeps the hint of its missing answer.
+    fn no_effect(&mut self, name: &str, cause: EffectError) -> Error {
+        match (cause, self.missing.take()) {
+            (
+                EffectError::NoReading(_),
+                Some(Error::NoAnswer {
+                    name,
+                    cause: silence,
+                    hint,
+                    missing,
+                    bytes,
+                }),
+            ) => Error::NoAnswer {
+                name,
+                cause: format!("{cause}: {silence}").into(),
+                hint,
+                missing,
+                bytes,
+            },
+            (cause, _) => Error::NoEffect {
+                name: name.into(),
+                cause,
+            },
         }
     }
 }
@@ -258,6 +283,8 @@ mod tests {
         requests: usize,
         /// The numbers of the requests that fail.
         failing: Range<usize>,
+        /// True if it answers nothing.
+        is_silent: bool,
     }
 
     /// The arm, and its handle once there is one.
@@ -308,10 +335,11 @@ mod tests {
             if fails {
                 return Err(Error::at("fake", "no"));
             }
-            self.is_asked = true;
-            if number == CALLED {
+            self.is_asked = !self.moving.set(|arm| arm.is_silent);
+            if number == CALLED
+                && let Some(arm) = self.moving.shared.get()
+            {
                 self.is_called.send(()).unwrap();
-                let arm = self.moving.shared.get().unwrap();
                 // Until the other threads wait for the arm.
                 while arm.waiting() < self.moving.callers {
                     thread::yield_now();
@@ -335,6 +363,7 @@ mod tests {
                 status: MotionStatus::Locked,
                 requests: 0,
                 failing: 0..0,
+                is_silent: false,
             }),
         });
         let (sender, is_called) = mpsc::channel();
@@ -457,6 +486,17 @@ mod tests {
         moving.set(|arm| arm.failing = 2..3);
         let outcome = arm.set_torque(Torque::On).unwrap();
         assert!(outcome.is_shown, "{outcome}");
+    }
+
+    #[test]
+    fn silence_after_torque_off_keeps_its_hint() {
+        let (moving, mut arm, _is_called) = moving(1);
+        moving.set(|arm| arm.is_silent = true);
+        let error = arm.set_torque(Torque::Off).unwrap_err();
+        let text = error.to_string();
+        assert!(matches!(error, Error::NoAnswer { .. }), "{text}");
+        let start = "fake: torque off was sent, but no reading came within 0.5 s: no answer";
+        assert!(text.starts_with(start), "{text}");
     }
 
     #[test]
