@@ -106,7 +106,11 @@ fn exchange<D: Correlation>(correlation: &D) {
     black_box(black_box(&mut *exchange).on_timeout(now()).is_some());
     let exchange = black_box(exchange);
     black_box((exchange.timeout(), exchange.due(who()), exchange.is_idle()));
-    black_box((exchange.expect(correlation), exchange.open_initiator(), exchange.is_saturated()));
+    black_box((
+        exchange.expect(correlation),
+        exchange.open_initiator(),
+        exchange.is_saturated(),
+    ));
     black_box(exchange.clear());
 }
 

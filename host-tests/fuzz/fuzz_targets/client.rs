@@ -441,7 +441,10 @@ impl<P: Subject, const N: usize> Model<P, N> {
 
     /// The maximum time from a request until its answer has timed out, within a frame that has begun.
     fn answer(&self) -> Duration {
-        let frame = self.config.baud.map_or(0, |baud| N as u64 * 10_000_000 / u64::from(baud.get()));
+        let frame = self
+            .config
+            .baud
+            .map_or(0, |baud| N as u64 * 10_000_000 / u64::from(baud.get()));
         // Each of these times may be rounded up.
         let rounding = 300;
         Duration::from_micros(self.turnaround.as_micros() + self.config.latency.as_micros() + 3 * frame + rounding)
