@@ -1,4 +1,5 @@
-//! The built program against the repository's pages. The published package has neither pages nor these tests.
+//! The built program against files of the repository, such as its pages. The published package has neither these files
+//! nor these tests.
 #![cfg(unix)]
 #![forbid(unsafe_code)]
 
@@ -9,6 +10,7 @@ mod common;
 
 mod block;
 mod can;
+mod effects;
 mod examples;
 mod update;
 mod world;
