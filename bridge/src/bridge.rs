@@ -166,7 +166,7 @@ impl Bridge {
         let mut frames: usize = 0;
         let mut rest = bytes;
         loop {
-            // There is room for the frames that a packet ends.
+            // There is room for the frames of a packet.
             let (packet, later) = rest.split_at(rest.len().min(PACKET));
             make_delivery_room(self.line.settled(), &mut self.hosts, at);
             frames = frames.saturating_add(self.line.received(packet, at));
@@ -191,15 +191,13 @@ impl Bridge {
     /// assert_eq!(bridge.usb_transmit(&mut [0; PACKET]), Some(12));
     /// ```
     pub fn uart_event(&mut self, event: UartEvent, now: Instant) -> usize {
-        let line = self.line.settled();
-        make_delivery_room(line, &mut self.hosts, now);
         match event {
-            UartEvent::Idle => line.idle(now),
+            UartEvent::Idle => self.line.settled().idle(now),
             UartEvent::Errors(errors) => {
-                line.errors(&errors);
+                self.line.settled().errors(&errors);
                 0
             }
-            UartEvent::Configured(uart) => line.uart_configured(uart, now),
+            UartEvent::Configured(uart) => self.line.settled().uart_configured(uart, now),
         }
     }
 

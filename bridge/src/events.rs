@@ -1,8 +1,7 @@
 //! A bounded queue of events: a frame's bytes and metadata, not the encoded message.
 
 use crate::can::telemetry::{event_from_data, event_to_data};
-use crate::control::{Event, FrameBytes, Initiator, MAX_FRAME, Stamp};
-use crate::line::PACKET;
+use crate::control::{Event, FrameBytes, Initiator, Stamp};
 use crate::queue::Queue;
 use armwire::time::Instant;
 
@@ -15,14 +14,11 @@ const UNSOLICITED: u8 = 0xFF;
 /// The kind of an event other than a frame: its bytes are those of its CAN frame.
 const OTHER: u8 = 0xFE;
 
-/// Capacity in bytes: twenty answers with the joints of a Ling arm.
-const ROOM: usize = 640;
+/// Capacity in bytes: twelve answers with the joints of a Ling arm.
+const ROOM: usize = 384;
 
-/// Length of the shortest frame of all protocols.
-const SHORTEST: usize = 4;
-
-/// Maximum size of the frames that a packet ends: those in it, and those that a false header before it has kept.
-const PACKET_OF_FRAMES: usize = (PACKET + MAX_FRAME) / SHORTEST * (HEADER + SHORTEST);
+/// Maximum size of the frames in one packet: sixteen of four bytes, the shortest of all protocols.
+const PACKET_OF_FRAMES: usize = 16 * (HEADER + 4);
 
 /// An event from the queue.
 #[derive(Clone, Debug, PartialEq)]
@@ -47,7 +43,7 @@ impl EventQueue {
         self.bytes.is_empty()
     }
 
-    /// Returns true if the frames that any packet ends fit.
+    /// Returns true if the frames of any packet fit.
     pub(crate) const fn has_room(&self) -> bool {
         self.bytes.room() >= PACKET_OF_FRAMES
     }
@@ -101,7 +97,7 @@ mod tests {
     use std::vec::Vec;
 
     use super::*;
-    use crate::control::Refusal;
+    use crate::control::{MAX_FRAME, Refusal};
 
     fn events(len: usize) -> impl Iterator<Item = (Instant, Queued, Vec<u8>)> {
         let initiators = Initiator::ALL.map(Some).into_iter().chain([None]).cycle();

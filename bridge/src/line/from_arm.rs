@@ -139,7 +139,7 @@ impl Line {
         self.journal.delivery(bytes)
     }
 
-    /// Returns true if the frames that any packet ends fit.
+    /// Returns true if the frames of any packet fit.
     pub(crate) const fn has_delivery_room(&self) -> bool {
         self.journal.has_room()
     }

@@ -16,7 +16,7 @@ use crate::control::{
     ArmIdentity, Event, FromAdapter, Identity, MAX_FRAME, MAX_MESSAGE, Reader, Refusal, Reply, Request, Stamp,
     Subscription,
 };
-use crate::{Action, Bridge, CanEvent, PACKET, Start, UartEvent, UsbEvent};
+use crate::{Action, Bridge, CanEvent, PACKET, Start, UsbEvent};
 
 const FRAMES: Request = Request::Subscribe(Subscription {
     frames: true,
@@ -239,27 +239,6 @@ fn all_frames_of_a_long_read_are_published() {
     assert_eq!(bridge.uart_received(&frame.repeat(30), at(100)), 30);
     assert_eq!(messages(&mut bridge, 100).len(), 30);
     assert_eq!(bridge.counters().dropped_events, 0);
-}
-
-#[test]
-fn frames_behind_a_false_header_are_published() {
-    // The header of a frame of 70 bytes: the bytes behind it are kept until all of these have arrived.
-    let header = [0xAA, 0x77, 0, 64];
-    let frame = ling(0x77, 0, &[]);
-    let kept = [&header, &frame.repeat(11)[..]].concat();
-    for last in [frame.repeat(10), [&header, &frame.repeat(9)[..]].concat()] {
-        let mut bridge = adapter(Config::default());
-        send_request(&mut bridge, 1, FRAMES, at(0));
-        messages(&mut bridge, 0);
-        let mut frames = bridge.uart_received(&frame.repeat(10), at(100));
-        frames += bridge.uart_received(&kept[..69], at(200));
-        assert_eq!(frames, 10);
-        frames += bridge.uart_received(&[&kept[69..], &last[..]].concat(), at(300));
-        frames += bridge.uart_event(UartEvent::Idle, at(310));
-        assert!(frames >= 30, "{frames}");
-        assert_eq!(messages(&mut bridge, 400).len(), frames);
-        assert_eq!(bridge.counters().dropped_events, 0);
-    }
 }
 
 #[test]
