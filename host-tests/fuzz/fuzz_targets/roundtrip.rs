@@ -8,11 +8,14 @@ use core::time::Duration;
 use armwire::alpha1::{self, Alpha1, Angle, Interval, MoveTime, Offset, ServoId, ServoStates, Text, hid};
 use armwire::decoder::Kind as Item;
 use armwire::framing::{Framing, Scan};
+use armwire::ling::arrival::{Arrival, Arrived, Tolerances};
+use armwire::ling::effect::{Effect, EffectError, Output, ReadBack, Verdict};
 use armwire::ling::legacy::{self, Legacy};
 use armwire::ling::{
-    self, JointState, Kind, Ling, Opening, PerServo, Position, SelfCheck, SerialNumber, Speed, Stroke,
-    TemperatureLimit, Version,
+    self, GripperSpeed, JointState, Kind, Ling, MotionStatus, Move, Opening, PerServo, Position, Request, SelfCheck,
+    SerialNumber, Speed, Stroke, TemperatureLimit, Torque, Version,
 };
+use armwire::time::Instant;
 use armwire::xarm::{self, Raw, RotationRadius, SerialsText, State, VersionText, XArm};
 use armwire::{BufferTooShort, OutOfRange};
 use armwire_bridge::can::command::Command;
@@ -393,6 +396,16 @@ fn adapter_values(u: &mut Unstructured<'_>) -> Result<()> {
     }
     let state: JointState = u.arbitrary()?;
     assert!(!state.status.to_string().is_empty());
+    for status in [0x00, 0x01, 0xE1].map(MotionStatus::from) {
+        let zero = JointState {
+            joints: [2048; 6],
+            ..state
+        };
+        for state in [state, zero] {
+            read_backs(&JointState { status, ..state });
+        }
+    }
+    arrivals(&state);
     assert_eq!(
         state.positions().is_ok(),
         state.joints.iter().all(|&ticks| ticks < 4096)
@@ -419,4 +432,63 @@ fn adapter_values(u: &mut Unstructured<'_>) -> Result<()> {
         }
     }
     Ok(())
+}
+
+/// The end of each read-back is that of its readings, which are all the same or missing.
+fn read_backs(state: &JointState) {
+    let effects = [Effect::Torque(Torque::On), Effect::Torque(Torque::Off), Effect::Zero];
+    for (effect, answers) in effects.into_iter().flat_map(|effect| [(effect, false), (effect, true)]) {
+        let mut read_back = ReadBack::new(effect);
+        let mut now = Instant::ZERO;
+        let end = loop {
+            match read_back.poll(now) {
+                Output::Request(Request::ReadJoints) if answers => read_back.on_joints(now, state),
+                Output::Request(_) => {}
+                Output::Wait(until) => now = until,
+                Output::Done(end) => break end,
+            }
+        };
+        assert!(now <= Instant::from_millis(700), "{now:?}");
+        match (end, effect.verdict(state)) {
+            (Ok(outcome), verdict) => {
+                assert!(
+                    answers && outcome.is_shown == (verdict == Verdict::Confirmed) && verdict != Verdict::Contradicted
+                );
+                assert!(!outcome.to_string().is_empty());
+            }
+            (Err(error), verdict) => {
+                let is_missing = matches!(error, EffectError::NoReading(_));
+                assert!(is_missing != answers && (is_missing || verdict == Verdict::Contradicted));
+                assert!(!error.to_string().is_empty());
+            }
+        }
+    }
+}
+
+/// An arm is at the target of a move to its pose, and away from that of another.
+fn arrivals(state: &JointState) {
+    let (Ok(positions), Ok(opening)) = (state.positions(), state.opening()) else {
+        return;
+    };
+    let mut target = Move {
+        joints: positions.map(|position| (position, Speed::SLOWEST)),
+        gripper: (opening, GripperSpeed(1000)),
+    };
+    let arrived = |target| Arrival::new(target, Tolerances::MOVE).on_joints(Instant::ZERO, state);
+    assert_eq!(arrived(target), Arrived::AtTarget);
+    target.joints[1].0 = if positions[1].ticks() < 2048 {
+        Position::MAX
+    } else {
+        Position::new(0).expect("in range")
+    };
+    target.gripper.0 = if state.gripper < 500 {
+        Opening::OPEN
+    } else {
+        Opening::CLOSED
+    };
+    let Arrived::NotYet(away) = arrived(target) else {
+        panic!("it is away")
+    };
+    assert!(!away.is_gripper_only() && away.to_string().contains("joint 2"));
+    assert!(!target.is_reached_by(state) && !target.are_joints_reached_by(state));
 }
