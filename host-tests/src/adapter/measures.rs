@@ -1,4 +1,4 @@
-//! What a run is judged by: its conditions, times on the line, and the initiators of bursts.
+//! The measures of a run: its conditions, times on the line, and the initiators of bursts.
 
 use armwire_bridge::Counters;
 use armwire_bridge::control::Initiator;

@@ -1,4 +1,4 @@
-//! What the system lists: serial ports, and interfaces for CAN.
+//! Serial ports and interfaces for CAN, as the system lists them.
 
 use std::fs;
 use std::path::Path;

@@ -1,4 +1,4 @@
-//! What a HID device is to its line: reports of 64 bytes, and how a transfer fails.
+//! Reports of a HID device, 64 bytes each, and the failures of a transfer.
 
 use std::time::Duration;
 
