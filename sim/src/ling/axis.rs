@@ -1,108 +1,125 @@
-//! One axis in motion, in exact integer arithmetic.
-//!
-//! Speed in ticks per second times time in microseconds is a whole number of millionths of a tick. Positions are stored
-//! in millionths: nothing is rounded, and the result does not depend on the number of time steps.
+//! A joint or the gripper: a trajectory, and the mechanics that follow it.
 
-use armwire::time::Duration;
+use armwire::time::Instant;
 
-/// Millionths of a tick in a tick.
-const MICRO: i64 = 1_000_000;
+use super::mechanics::{Mechanics, STEP};
+use super::plant::Plant;
+use super::trajectory::Trajectory;
 
-/// A joint or the gripper: it moves to its target at constant speed and stays there.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// One axis of an arm.
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Axis {
-    /// In millionths of a tick.
-    position: i64,
-    /// In millionths of a tick.
-    target: i64,
-    /// In ticks per second, which are millionths of a tick per microsecond.
-    speed: u16,
+    trajectory: Trajectory,
+    /// `None`: the axis is exactly where its trajectory is.
+    mechanics: Option<Mechanics>,
 }
 
 impl Axis {
-    /// Creates an axis at rest.
-    pub(super) fn at(ticks: u16) -> Self {
-        let position = i64::from(ticks) * MICRO;
+    /// Creates an ideal axis at rest.
+    pub(super) fn ideal(ticks: u16) -> Self {
         Self {
-            position,
-            target: position,
-            speed: 0,
+            trajectory: Trajectory::at(ticks),
+            mechanics: None,
         }
     }
 
-    pub(super) fn go(&mut self, ticks: u16, speed: u16) {
-        self.target = i64::from(ticks) * MICRO;
-        self.speed = speed;
+    /// Creates a joint, 0 to 5, at rest in the zero position.
+    pub(super) fn joint(plant: &Plant, joint: usize) -> Self {
+        Self {
+            mechanics: Mechanics::new(plant, joint),
+            ..Self::ideal(2048)
+        }
     }
 
+    /// Starts a motion, from the position or from the setpoint.
+    pub(super) fn go(&mut self, ticks: u16, speed: u16) {
+        if let Some(position) = self.mechanics.as_ref().and_then(Mechanics::restart) {
+            self.trajectory = Trajectory::at_exactly(position);
+        }
+        self.trajectory.go(ticks, speed);
+    }
+
+    /// Ends a motion: the position becomes the goal.
     pub(super) fn stop(&mut self) {
-        self.target = self.position;
-        self.speed = 0;
+        match &mut self.mechanics {
+            None => self.trajectory.stop(),
+            Some(mechanics) => {
+                mechanics.halt();
+                self.trajectory = Trajectory::at_exactly(mechanics.position());
+            }
+        }
+    }
+
+    /// Moves the axis by hand, as far as nothing is in the way.
+    pub(super) fn push(&mut self, ticks: u16) {
+        if let Some(mechanics) = &mut self.mechanics {
+            mechanics.push(ticks.into());
+        }
+        self.trajectory = Trajectory::at(ticks);
+    }
+
+    /// Makes the position the zero position, at rest.
+    pub(super) fn set_zero(&mut self) {
+        if let Some(mechanics) = &mut self.mechanics {
+            mechanics.renumber(2048.0);
+        }
+        self.trajectory = Trajectory::at(2048);
+    }
+
+    pub(super) fn remove_obstacle(&mut self) {
+        if let Some(mechanics) = &mut self.mechanics {
+            mechanics.remove_obstacle();
+        }
     }
 
     /// Advances time and returns the distance travelled, in millionths of a tick.
-    pub(super) fn advance(&mut self, span: Duration) -> u64 {
-        let reach = i64::try_from(span.as_micros())
-            .unwrap_or(i64::MAX)
-            .saturating_mul(i64::from(self.speed));
-        let travel = (self.target - self.position).clamp(-reach, reach);
-        self.position += travel;
-        travel.unsigned_abs()
+    ///
+    /// The mechanics advance at whole milliseconds, so the result does not depend on the number of calls.
+    pub(super) fn advance(&mut self, from: Instant, to: Instant, torque: bool) -> u64 {
+        let Some(mechanics) = &mut self.mechanics else {
+            return self.trajectory.advance(to.since(from));
+        };
+        let (mut now, mut travelled) = (from, 0);
+        loop {
+            let next = Instant::from_micros((now.as_micros() / STEP.as_micros() + 1).saturating_mul(STEP.as_micros()));
+            if next > to {
+                break;
+            }
+            self.trajectory.advance(next.since(now));
+            now = next;
+            let before = *mechanics;
+            travelled += if torque {
+                mechanics.follow(self.trajectory.exact_ticks())
+            } else {
+                mechanics.fall()
+            };
+            if *mechanics == before && self.trajectory.velocity() == 0 {
+                // The state is final.
+                break;
+            }
+        }
+        self.trajectory.advance(to.since(now));
+        travelled
     }
 
     /// Returns the position, rounded to the nearest tick.
     pub(super) fn ticks(&self) -> u16 {
-        let nearest = (self.position + MICRO / 2) / MICRO;
-        u16::try_from(nearest).unwrap_or(u16::MAX)
+        match &self.mechanics {
+            None => self.trajectory.ticks(),
+            Some(mechanics) => mechanics.position().round() as u16,
+        }
     }
 
     /// Returns the speed in ticks per second, without direction.
     pub(super) fn velocity(&self) -> u16 {
-        if self.position == self.target { 0 } else { self.speed }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn position_is_independent_of_polling() {
-        let (mut once, mut often) = (Axis::at(2048), Axis::at(2048));
-        once.go(4095, 777);
-        often.go(4095, 777);
-        let travelled = (0..1_000_000)
-            .map(|_| often.advance(Duration::from_micros(1)))
-            .sum::<u64>();
-        assert_eq!(once.advance(Duration::from_micros(1_000_000)), travelled);
-        assert_eq!(once, often);
-        assert_eq!(once.ticks(), 2048 + 777);
-    }
-
-    #[test]
-    fn repeatedly_commanded_slow_motion_still_arrives() {
-        let mut axis = Axis::at(2048);
-        for _ in 0..1_000 {
-            axis.go(2000, 1);
-            axis.advance(Duration::from_millis(1));
+        match &self.mechanics {
+            None => self.trajectory.velocity(),
+            Some(mechanics) => mechanics.speed().round() as u16,
         }
-        assert_eq!(axis.ticks(), 2047);
     }
 
-    #[test]
-    fn it_stops_exactly_at_the_target() {
-        let mut axis = Axis::at(0);
-        axis.go(4095, 5000);
-        assert_eq!(axis.velocity(), 5000);
-        axis.advance(Duration::from_micros(u64::MAX));
-        assert_eq!((axis.ticks(), axis.velocity()), (4095, 0));
-    }
-
-    #[test]
-    fn at_speed_zero_it_does_not_move() {
-        let mut axis = Axis::at(100);
-        axis.go(200, 0);
-        axis.advance(Duration::from_micros(u64::MAX));
-        assert_eq!((axis.ticks(), axis.velocity()), (100, 0));
+    /// Returns true if the axis or its setpoint moves.
+    pub(super) fn is_moving(&self) -> bool {
+        self.trajectory.velocity() > 0 || self.mechanics.as_ref().is_some_and(Mechanics::is_moving)
     }
 }

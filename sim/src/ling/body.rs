@@ -9,15 +9,20 @@
 //!   means torque off. The arm never follows a leader, so it is never *syncing*.
 //! * The gripper's servo turns one tick for each thousandth of the stroke, for every stroke.
 //! * Speed 0 means no motion.
+//! * The plant (`mechanics.rs`) is that of a follower's joints. The gripper, and a leader in a hand, have none. Torque
+//!   that is switched on holds the present position.
 //! * Each servo is a first-order thermal model with a time constant of [`TIME_CONSTANT`]. Its final temperature is
 //!   ambient, plus 10 °C while it holds (35 °C, as in the document's example), plus 16 °C for each 1000 ticks/s.
 //! * At the limit the arm reports overheating and continues. At 5 °C above the limit protection starts: the arm stops,
 //!   its torque is off, and it neither moves nor holds. Both conditions end 5 °C below the limit; the torque stays off.
 
+use std::array;
+
 use armwire::ling::{JOINTS, Kind, MotionStatus, Move, TemperatureLimit};
 use armwire::time::{Duration, Instant};
 
 use super::axis::Axis;
+use super::plant::{JointPosition, Plant};
 
 /// Number of axes: the joints, then the gripper.
 const AXES: usize = JOINTS + 1;
@@ -33,6 +38,9 @@ const HEAT_STEP: Duration = Duration::from_millis(100);
 /// Time to 63 % of a temperature change.
 const TIME_CONSTANT: Duration = Duration::from_millis(120_000);
 const HEAT_STEPS: i64 = (TIME_CONSTANT.as_micros() / HEAT_STEP.as_micros()) as i64;
+
+/// Speed of the move of another program, in ticks per second: 88°/s.
+const OTHER_SPEED: u16 = 1000;
 
 /// Temperatures are in millionths of a degree.
 const DEGREE: i64 = 1_000_000;
@@ -57,7 +65,7 @@ struct Servo {
     faulty: bool,
 }
 
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub(super) struct Body {
     kind: Kind,
     now: Instant,
@@ -70,10 +78,12 @@ pub(super) struct Body {
     limit: TemperatureLimit,
     torque: bool,
     heat: Heat,
+    /// Move of another program, `None` after its time.
+    other: Option<(JointPosition, Instant)>,
 }
 
 impl Body {
-    pub(super) fn new(kind: Kind, ambient: u8) -> Self {
+    pub(super) fn new(kind: Kind, ambient: u8, plant: &Plant) -> Self {
         let ambient = i64::from(ambient) * DEGREE;
         let axes: &[usize] = match kind {
             Kind::Leader => &LEADER_SERVOS,
@@ -84,12 +94,15 @@ impl Body {
             temperature: ambient,
             faulty: false,
         };
-        let mut centred = [Axis::at(2048); AXES];
-        centred[GRIPPER] = Axis::at(0);
+        let axis = |axis| match axis {
+            GRIPPER => Axis::ideal(0),
+            _ if kind == Kind::Leader => Axis::ideal(2048),
+            joint => Axis::joint(plant, joint),
+        };
         Self {
             kind,
             now: Instant::ZERO,
-            axes: centred,
+            axes: array::from_fn(axis),
             travelled: [0; AXES],
             servos: axes.iter().map(servo).collect(),
             ambient,
@@ -97,11 +110,22 @@ impl Body {
             // The vendor's examples move a follower without switching its torque on.
             torque: kind == Kind::Follower,
             heat: Heat::Normal,
+            other: plant.other.map(|(place, after)| (place, Instant::ZERO + after)),
         }
     }
 
     /// Advances time. The result does not depend on the number of steps.
     pub(super) fn advance(&mut self, now: Instant) {
+        if let Some((place, at)) = self.other.take_if(|&mut (_, at)| at <= now) {
+            self.advance_axes(at);
+            if self.can_move() {
+                self.axes[place.joint].go(place.position.ticks(), OTHER_SPEED);
+            }
+        }
+        self.advance_axes(now);
+    }
+
+    fn advance_axes(&mut self, now: Instant) {
         loop {
             let step = Instant::from_micros(
                 (self.now.as_micros() / HEAT_STEP.as_micros() + 1).saturating_mul(HEAT_STEP.as_micros()),
@@ -120,9 +144,8 @@ impl Body {
     }
 
     fn travel(&mut self, to: Instant) {
-        let span = to.since(self.now);
         for (axis, travelled) in self.axes.iter_mut().zip(&mut self.travelled) {
-            *travelled += axis.advance(span);
+            *travelled += axis.advance(self.now, to, self.torque);
         }
         self.now = to.max(self.now);
     }
@@ -184,7 +207,7 @@ impl Body {
         if on && self.heat == Heat::Protecting {
             return false;
         }
-        if !on {
+        if on != self.torque {
             self.axes.iter_mut().for_each(Axis::stop);
         }
         self.torque = on;
@@ -193,7 +216,7 @@ impl Body {
 
     pub(super) fn set_zero(&mut self) {
         self.set_torque(false);
-        self.axes[..JOINTS].fill(Axis::at(2048));
+        self.axes[..JOINTS].iter_mut().for_each(Axis::set_zero);
     }
 
     pub(super) fn set_limit(&mut self, limit: TemperatureLimit) {
@@ -206,7 +229,7 @@ impl Body {
         if self.torque {
             return false;
         }
-        self.axes[axis] = Axis::at(ticks);
+        self.axes[axis].push(ticks);
         true
     }
 
@@ -214,9 +237,13 @@ impl Body {
         // A leader's gripper has no motor, so the torque does not hold it.
         let torque = self.torque && self.kind == Kind::Follower;
         if !torque {
-            self.axes[GRIPPER] = Axis::at(per_mille);
+            self.axes[GRIPPER].push(per_mille);
         }
         !torque
+    }
+
+    pub(super) fn remove_obstacle(&mut self) {
+        self.axes.iter_mut().for_each(Axis::remove_obstacle);
     }
 
     /// Sets or clears a servo's fault, by its id from 1. An unknown id is ignored.
@@ -244,7 +271,7 @@ impl Body {
     }
 
     pub(super) fn is_moving(&self) -> bool {
-        self.axes.iter().any(|axis| axis.velocity() > 0)
+        self.axes.iter().any(Axis::is_moving)
     }
 
     pub(super) fn status(&self) -> MotionStatus {

@@ -1,24 +1,30 @@
 //! A virtual Ling arm.
 //!
 //! [`LingArm`] is the electronics: it executes requests and returns the real arm's answers. `body.rs` has joint motion
-//! and servo temperatures. [`legacy`] has an arm of the older generation, which only transmits.
+//! and servo temperatures, [`Plant`] the weight, lag and friction of the joints. [`legacy`] has an arm of the older
+//! generation, which only transmits.
 
 mod axis;
 mod body;
 pub mod legacy;
+mod mechanics;
+mod plant;
 #[cfg(test)]
 mod tests;
+mod trajectory;
 
 use std::array;
 use std::collections::VecDeque;
 
 use armwire::ling::{
-    Info, JOINTS, JointState, Kind, Ling, MAX_FRAME, MotionStatus, Opening, PerServo, Position, Request, Response,
-    SelfCheck, SerialNumber, Stroke, Torque, Version,
+    Info, JOINTS, JointState, Kind, Ling, MAX_FRAME, MotionStatus, Move, Opening, PerServo, Position, Request,
+    Response, SelfCheck, SerialNumber, Stroke, Torque, Version,
 };
 use armwire::time::{Duration, Instant};
 use armwire::{Device, DeviceEvent};
+use oorandom::Rand32;
 
+pub use self::plant::{Plant, PlantError};
 pub use crate::serial::Counters;
 use crate::serial::SerialDevice;
 use body::Body;
@@ -59,6 +65,8 @@ pub struct Config {
     pub idle: Duration,
     /// Echo of every received byte, as from a half-duplex adapter.
     pub echo: bool,
+    /// Lag, sag, friction and noise of the joints. A leader, moved by hand, has the noise only.
+    pub plant: Plant,
 }
 
 impl Config {
@@ -74,6 +82,7 @@ impl Config {
             turnaround: Duration::from_micros(200),
             idle: Duration::from_millis(2),
             echo: false,
+            plant: Plant::DEFAULT,
         }
     }
 
@@ -122,13 +131,15 @@ pub struct LingArm {
     echo: VecDeque<u8>,
     replies: VecDeque<Reply>,
     counters: Counters,
+    noise: Rand32,
 }
 
 impl LingArm {
     /// Creates an arm at its zero position with a closed gripper. A follower's torque is on, a leader's is off.
     pub fn new(config: Config) -> Self {
         Self {
-            body: Body::new(config.kind, config.ambient),
+            body: Body::new(config.kind, config.ambient, &config.plant),
+            noise: Rand32::new(config.plant.seed),
             config,
             device: Device::new(Ling),
             idle_at: None,
@@ -151,7 +162,7 @@ impl LingArm {
         self.body.advance(now);
     }
 
-    /// Returns the joint positions, in ticks.
+    /// Returns the true joint positions, in ticks, without the noise of a reading.
     pub fn joints(&self) -> [u16; JOINTS] {
         self.body.joints()
     }
@@ -197,7 +208,13 @@ impl LingArm {
         self.counters
     }
 
-    /// Moves a joint, 0 to 5, by hand. Returns true if it moved: with torque on it does not.
+    /// Starts a move of another program, which is not on this line. Returns true if it was accepted.
+    pub fn move_by_other(&mut self, target: &Move) -> bool {
+        self.body.go(target)
+    }
+
+    /// Moves a joint, 0 to 5, by hand, as far as nothing is in its way, and lets go. Returns true if it moved: with
+    /// torque on it does not.
     pub fn push_joint(&mut self, joint: usize, position: Position) -> bool {
         joint < JOINTS && self.body.push(joint, position.ticks())
     }
@@ -205,6 +222,11 @@ impl LingArm {
     /// Moves the gripper by hand. Returns true if it moved: with torque on, a follower's does not.
     pub fn push_gripper(&mut self, opening: Opening) -> bool {
         self.body.push_gripper(opening.per_mille())
+    }
+
+    /// Removes the obstacle of the [`Plant`].
+    pub fn remove_obstacle(&mut self) {
+        self.body.remove_obstacle();
     }
 
     /// Sets whether the self-check reports a servo, by its id from 1, as faulty.
@@ -244,7 +266,7 @@ impl LingArm {
             Request::ReadStroke => return Some(Response::Stroke(self.config.stroke)),
             Request::ReadJoints => {
                 return Some(Response::Joints(JointState {
-                    joints: self.joints(),
+                    joints: self.read_joints(),
                     gripper: self.gripper(),
                     status: self.status(),
                 }));
@@ -271,6 +293,15 @@ impl LingArm {
         };
         self.counters.refused += u64::from(!accepted);
         None
+    }
+
+    /// Returns the joint positions with the noise of a reading.
+    fn read_joints(&mut self) -> [u16; JOINTS] {
+        let noise = u16::from(self.config.plant.noise);
+        self.joints().map(|ticks| {
+            let error = self.noise.rand_range(0..u32::from(2 * noise + 1)) as u16;
+            (ticks + error).saturating_sub(noise).min(Position::MAX.ticks())
+        })
     }
 
     fn reply(&mut self, now: Instant, response: &Response) {

@@ -1,5 +1,7 @@
 //! Behaviour of a virtual arm, observed on the line.
 
+mod plant;
+
 use armwire::decoder::{self, Decoder};
 use armwire::ling::{Frame, GripperSpeed, Move, Speed, TemperatureLimit};
 use armwire::messages::Messages;
