@@ -10,7 +10,7 @@ use armwire::time::{Duration, Instant};
 use armwire_sim::alpha1::{Alpha1Robot, BusConfig, RobotConfig, ServoBus};
 use armwire_sim::faults::{Injected, Line, Rates};
 use armwire_sim::ling::legacy::{self, LegacyArm};
-use armwire_sim::ling::{self, LingArm};
+use armwire_sim::ling::{self, LingArm, Plant};
 use armwire_sim::pty::Pty;
 use armwire_sim::serial::SerialDevice;
 use armwire_sim::serve::serve;
@@ -145,14 +145,18 @@ pub(crate) struct VirtualLing(Shared<LingArm>);
 #[pymethods]
 impl VirtualLing {
     #[new]
-    fn new(leader: bool, turnaround_us: u64, seed: u64) -> PyResult<PyClassInitializer<Self>> {
+    fn new(leader: bool, turnaround_us: u64, seed: u64, plant: Option<&str>) -> PyResult<PyClassInitializer<Self>> {
         let base = if leader {
             ling::Config::leader()
         } else {
             ling::Config::follower()
         };
-        let turnaround = Duration::from_micros(turnaround_us);
-        Shared::on_pty(LingArm::new(ling::Config { turnaround, ..base }), seed)
+        let config = ling::Config {
+            turnaround: Duration::from_micros(turnaround_us),
+            plant: plant.map_or(Ok(Plant::DEFAULT), str::parse).map_err(value_error)?,
+            ..base
+        };
+        Shared::on_pty(LingArm::new(config), seed)
             .map(|(arm, device)| PyClassInitializer::from(arm).add_subclass(Self(device)))
     }
 
@@ -173,6 +177,11 @@ impl VirtualLing {
     fn push_gripper(&self, per_mille: u16) -> PyResult<bool> {
         let opening = Opening::new(per_mille).map_err(value_error)?;
         Ok(self.0.lock().device_mut().push_gripper(opening))
+    }
+
+    /// Removes the obstacle of the plant.
+    fn remove_obstacle(&self) {
+        self.0.lock().device_mut().remove_obstacle();
     }
 
     fn set_faulty(&self, servo: u8, faulty: bool) {

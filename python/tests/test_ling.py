@@ -356,3 +356,20 @@ def test_signal_handler_cannot_block_the_call_it_interrupts() -> None:
         finally:
             signal.signal(signal.SIGALRM, before)
         assert arm.read_info().kind == "follower"
+
+
+def test_plant_of_a_virtual_arm_lets_its_joints_sag() -> None:
+    with sim.ling(plant="sag=26") as virtual, armwire.Ling(virtual.port) as arm:
+        wait_until(lambda: virtual.joints().ticks[1] == 2022)
+        assert arm.read_joints() == virtual.joints()
+    with sim.ling(plant="obstacle=2:30deg") as virtual, armwire.Ling(virtual.port) as arm:
+        arm.move_deg([0, 60, 0, 0, 0, 0], gripper_permille=500, speed_deg_s=400, gripper_ticks_s=5500)
+        wait_until(lambda: virtual.joints().ticks[1] == 2389)
+        virtual.remove_obstacle()
+        wait_until(lambda: virtual.joints().ticks[1] == 2731)
+
+
+@pytest.mark.parametrize("plant", ["", "gremlins=1", "sag=201", "sag=1,sag=2", "overshoot=5%"])
+def test_wrong_plant_is_a_value_error(plant: str) -> None:
+    with pytest.raises(ValueError, match="expected|twice|needs"):
+        sim.ling(plant=plant)

@@ -44,12 +44,16 @@ pub(crate) fn run(Options { board, demo }: Options) -> Result<()> {
         serve,
         control,
         slcan,
+        plant,
         gdb,
     } = demo;
     for (option, path) in [("--serve", serve), ("--control", control), ("--slcan", slcan)] {
         if let Some(path) = path {
             run.arg(option).args(path);
         }
+    }
+    if let Some(plant) = plant {
+        run.arg(format!("--plant={plant}"));
     }
     if let Some(port) = gdb {
         run.arg(format!("--gdb={port}"));

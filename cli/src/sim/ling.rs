@@ -5,7 +5,7 @@ use std::sync::atomic::AtomicBool;
 use armwire::ling::{Kind, SerialNumber, Stroke};
 use armwire_bridge::Duration;
 use armwire_sim::ling::legacy::{self, LegacyArm};
-use armwire_sim::ling::{Config, LingArm};
+use armwire_sim::ling::{Config, LingArm, Plant};
 use clap::Args;
 
 use super::line::{LineArgs, print_counts};
@@ -34,8 +34,17 @@ pub(crate) struct LingSim {
     /// Echo every received byte immediately, as a half-duplex adapter does.
     #[arg(long)]
     echo: bool,
+    /// Joints that follow their commands as an arm with weight does: 'typical' (a guess), 'ideal', or a list.
+    ///
+    /// A list refines a preset, for example 'typical,sag=26', or the ideal arm. Its words are sag=TICKS (a loaded joint
+    /// rests that far below its goal, and sinks without torque), lag=TIMEms, overshoot=PERCENT%, friction=TICKS,
+    /// backlash=TICKS, noise=TICKS (of a reading), seed=N (of the noise), restart (a new goal's trajectory begins at the
+    /// position), obstacle=JOINT:ANGLEdeg and other=JOINT:ANGLEdeg@TIMEms (a move of another program, once). A leader has
+    /// the noise only.
+    #[arg(long, default_value_t)]
+    plant: Plant,
     /// An arm of the older generation instead: it sends forty times per second, and accepts no requests.
-    #[arg(long, conflicts_with_all = ["leader", "serial", "stroke", "turnaround_us", "echo"])]
+    #[arg(long, conflicts_with_all = ["leader", "serial", "stroke", "turnaround_us", "echo", "plant"])]
     legacy: bool,
 }
 
@@ -61,13 +70,14 @@ impl LingSim {
             stroke: self.stroke,
             turnaround: Duration::from_micros(self.turnaround_us),
             echo: self.echo,
+            plant: self.plant,
             ..base
         };
         let kind = match config.kind {
             Kind::Leader => "leader",
             Kind::Follower => "follower",
         };
-        let name = format!("Ling {kind} {}", config.serial);
+        let name = format!("Ling {kind} {}, plant {},", config.serial, config.plant);
         let (line, served) = self.line.serve(name, LingArm::new(config), stop)?;
         print_counts(served, line.device().counters())
     }

@@ -27,6 +27,7 @@ mod selftest;
 #[cfg(feature = "shell")]
 mod shell;
 mod signals;
+mod sim_ling;
 mod sim_xarm;
 mod stop;
 mod tcp;

@@ -63,22 +63,26 @@ class Faults:
 class VirtualLing(Open):
     """A virtual Ling arm on a pseudo-terminal. See `ling`."""
 
-    def __init__(self, *, leader: bool, turnaround_us: int, seed: int) -> None:
-        self._arm = _armwire.VirtualLing(leader, turnaround_us, seed)
+    def __init__(self, *, leader: bool, turnaround_us: int, seed: int, plant: str | None) -> None:
+        self._arm = _armwire.VirtualLing(leader, turnaround_us, seed, plant)
         super().__init__(self._arm.port, self._arm)
 
     def joints(self) -> JointState:
-        """The arm's true state, independent of its line."""
+        """The arm's true state, independent of its line and without the noise of a reading."""
         return joint_state(self._arm.joints())
 
     def push_joints_deg(self, joints: ArrayLike) -> bool:
-        """Move the joints by hand, at once. Returns true if they moved: torque on blocks them."""
+        """Move the joints by hand, at once, and let go. Returns true if they moved: torque on blocks them."""
         ticks = position_ticks(joints, DEG_PER_TICK, "degrees")
         return all([self._arm.push_joint(joint, tick) for joint, tick in enumerate(ticks)])
 
     def push_gripper_permille(self, gripper: int) -> bool:
         """Move the gripper by hand, at once. Returns true if it moved."""
         return self._arm.push_gripper(count("gripper in thousandths", gripper, 1000))
+
+    def remove_obstacle(self) -> None:
+        """Remove the obstacle of the plant."""
+        self._arm.remove_obstacle()
 
     def set_faulty(self, servo: int, faulty: bool = True) -> None:
         """Make the self-check report a servo, by its id from 1, as faulty or as normal."""
@@ -141,15 +145,22 @@ class VirtualAlpha1Servos(Open):
         self._arm.set_faults(faults.counts())
 
 
-def ling(*, leader: bool = False, turnaround_us: int = 200, seed: int = 1) -> VirtualLing:
+def ling(
+    *, leader: bool = False, turnaround_us: int = 200, seed: int = 1, plant: str | None = None
+) -> VirtualLing:
     """Start a virtual Ling arm.
 
     Args:
         leader: Simulate a leader, which is moved by hand: `push_joints_deg`.
         turnaround_us: Time from the end of a request to the start of its answer, in microseconds.
         seed: Seed of the faults: equal seeds give equal faults.
+        plant: Lag, sag and noise of the joints, as `armwire sim ling --plant` takes it: "typical", "ideal", or a list
+            such as "typical,sag=26". The command's help has all words.
+
+    Raises:
+        ValueError: The plant has an unknown word, or a value that is out of range.
     """
-    return VirtualLing(leader=leader, turnaround_us=turnaround_us, seed=seed)
+    return VirtualLing(leader=leader, turnaround_us=turnaround_us, seed=seed, plant=plant)
 
 
 def older_ling() -> VirtualOlderLing:

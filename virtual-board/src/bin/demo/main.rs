@@ -7,12 +7,12 @@ mod options;
 mod tour;
 
 use std::error::Error;
-use std::io::{self, ErrorKind};
+use std::io::{self, ErrorKind, Write, stdout};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
 use armwire_boards::Board;
-use armwire_sim::ling::{Config as ArmConfig, LingArm};
+use armwire_sim::ling::{Config as ArmConfig, LingArm, Plant, PlantError};
 use armwire_virtual_board::serve::{Places, serve};
 use armwire_virtual_board::{Config, VirtualBoard};
 use clap::Parser;
@@ -57,11 +57,21 @@ fn board(name: &str) -> Result<&'static Board, &'static str> {
     Board::find(name).ok_or("no board of the list")
 }
 
+/// The plant of this text.
+fn plant(text: Option<&str>) -> Result<Plant, PlantError> {
+    text.map_or(Ok(Plant::DEFAULT), str::parse)
+}
+
 fn run(Args { image, board, options }: Args) -> Result<(), Box<dyn Error>> {
     if options.slcan.is_some() && board.can.is_none() {
         return Err(format!("--slcan: {} has no CAN", board.title).into());
     }
-    let arm = LingArm::new(ArmConfig::follower());
+    let plant = plant(options.plant.as_deref()).map_err(|error| format!("--plant: {error}"))?;
+    let arm = LingArm::new(ArmConfig {
+        plant,
+        ..ArmConfig::follower()
+    });
+    writeln!(stdout(), "A virtual Ling follower arm, plant {plant}.")?;
     let board = VirtualBoard::start(Config {
         gdb: options.gdb,
         ..Config::new(image, arm).on(board)

@@ -23,6 +23,10 @@ pub(crate) struct DemoOptions {
     #[arg(long, value_name = "PATH", requires = "serve")]
     pub(crate) slcan: Option<Option<PathBuf>>,
 
+    /// Joints of the arm: 'typical', 'ideal' or a list, as `armwire sim ling --plant` takes it.
+    #[arg(long)]
+    pub(crate) plant: Option<String>,
+
     /// Lets gdb attach to the firmware, on this TCP port of this machine.
     #[arg(long, value_name = "PORT")]
     pub(crate) gdb: Option<u16>,

@@ -44,7 +44,7 @@ fn plug_in(host: &mut Host) -> Result<(), Box<dyn Error>> {
     let chip = host.board.chip();
     writeln!(
         stdout(),
-        "A Ling follower arm on the UART of a virtual {chip}, which runs the shipped firmware image."
+        "It is on the UART of a virtual {chip}, which runs the shipped firmware image."
     )?;
     host.open()?;
     let at = host.board.now();
