@@ -93,7 +93,13 @@ export class Engine {
 
   // The virtual arm.
 
-  startVirtual(seed) { this.#wasm.virtual_start(this.#engine, seed); }
+  // Throws the reason why the text of a plant is wrong. An empty text is the default plant.
+  startVirtual(seed, plant = '') {
+    const bytes = new TextEncoder().encode(plant);
+    this.#input().set(bytes);
+    const reason = this.#text(this.#wasm.virtual_start(this.#engine, seed, bytes.length));
+    if (reason) throw new RangeError(reason);
+  }
   virtualReceive(now, bytes) { this.#chunks(bytes, (length) => this.#wasm.virtual_receive(this.#engine, now, length)); }
   virtualTransmit(now) { return this.#bytes(this.#wasm.virtual_transmit(this.#engine, now)); }
   virtualTimeout() { return this.#wasm.virtual_timeout(this.#engine); }
@@ -103,13 +109,15 @@ export class Engine {
   }
   faults() { return this.faultLabels.map((_, nth) => this.#wasm.virtual_fault_count(this.#engine, nth)); }
 
+  // The buffer that the engine reads. The view is new for each use: the memory may have grown.
+  #input() { return new Uint8Array(this.#wasm.memory.buffer, this.#wasm.input(this.#engine), this.#wasm.buffer_length()); }
+
   // Copies bytes to the input, in chunks of its size.
   #chunks(bytes, take) {
     const room = this.#wasm.buffer_length();
     for (let start = 0; start < bytes.length; start += room) {
       const chunk = bytes.subarray(start, start + room);
-      // The view is new for each chunk: the memory may have grown.
-      new Uint8Array(this.#wasm.memory.buffer, this.#wasm.input(this.#engine), room).set(chunk);
+      this.#input().set(chunk);
       if (!take(chunk.length)) throw new RangeError(`the engine rejected ${chunk.length} bytes`);
     }
   }

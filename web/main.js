@@ -126,8 +126,18 @@ class Page {
   }
 
   #openVirtual() {
-    this.#open(new VirtualPort(this.#engine, SEED), true);
+    this.#open(this.#virtualPort(), true);
     this.#setFaults();
+  }
+
+  // The address has the plant, as ?plant=typical,sag=26.
+  #virtualPort() {
+    try {
+      return new VirtualPort(this.#engine, SEED, new URLSearchParams(location.search).get('plant') ?? '');
+    } catch (error) {
+      this.#notify(`The plant in the address is not used: ${error.message}`);
+      return new VirtualPort(this.#engine, SEED, '');
+    }
   }
 
   async #openSerial(granted) {

@@ -8,9 +8,9 @@ export class VirtualPort {
   onbytes = () => {};
   onclose = () => {};
 
-  constructor(engine, seed) {
+  constructor(engine, seed, plant) {
     this.#engine = engine;
-    engine.startVirtual(seed);
+    engine.startVirtual(seed, plant);
   }
 
   get name() { return 'virtual arm'; }

@@ -106,6 +106,17 @@ test('a failed stop is shown before the torque', async () => {
   assert.ok(isWarning);
 });
 
+test('the plant of the virtual arm is a text, and a wrong one changes nothing', async () => {
+  const bench = new Bench(await engine());
+  assert.throws(() => bench.engine.startVirtual(1, 'sag=201'), { message: "'sag=201': expected sag=N with N from 0 to 200" });
+  assert.throws(() => bench.engine.startVirtual(1, 'gremlins'), { message: /^unknown word 'gremlins': expected ideal, typical, / });
+  bench.run(500);
+  assert.equal(bench.engine.positions()[1], 0);
+  bench.engine.startVirtual(1, 'sag=26');
+  bench.run(500);
+  assert.equal(Math.round(bench.engine.positions()[1] / (2 * Math.PI) * 4096), -26);
+});
+
 test('a held axis moves and a released one stops', async () => {
   const bench = new Bench(await engine());
   bench.engine.setSpeed(1);

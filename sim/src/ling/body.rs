@@ -22,7 +22,7 @@ use armwire::ling::{JOINTS, Kind, MotionStatus, Move, TemperatureLimit};
 use armwire::time::{Duration, Instant};
 
 use super::axis::Axis;
-use super::plant::{JointPosition, Plant};
+use super::plant::{JointAngle, Plant};
 
 /// Number of axes: the joints, then the gripper.
 const AXES: usize = JOINTS + 1;
@@ -79,7 +79,7 @@ pub(super) struct Body {
     torque: bool,
     heat: Heat,
     /// Move of another program, `None` after its time.
-    other: Option<(JointPosition, Instant)>,
+    other: Option<(JointAngle, Instant)>,
 }
 
 impl Body {
@@ -110,16 +110,16 @@ impl Body {
             // The vendor's examples move a follower without switching its torque on.
             torque: kind == Kind::Follower,
             heat: Heat::Normal,
-            other: plant.other.map(|(place, after)| (place, Instant::ZERO + after)),
+            other: plant.other.map(|(angle, after)| (angle, Instant::ZERO + after)),
         }
     }
 
     /// Advances time. The result does not depend on the number of steps.
     pub(super) fn advance(&mut self, now: Instant) {
-        if let Some((place, at)) = self.other.take_if(|&mut (_, at)| at <= now) {
+        if let Some((angle, at)) = self.other.take_if(|&mut (_, at)| at <= now) {
             self.advance_axes(at);
             if self.can_move() {
-                self.axes[place.joint].go(place.position.ticks(), OTHER_SPEED);
+                self.axes[angle.joint].go(angle.ticks(), OTHER_SPEED);
             }
         }
         self.advance_axes(now);

@@ -65,7 +65,7 @@ impl Mechanics {
     pub(super) fn new(plant: &Plant, joint: usize) -> Option<Self> {
         let zero = 2048.0;
         let obstacle = plant.obstacle.filter(|obstacle| obstacle.joint == joint);
-        let obstacle = obstacle.map(|obstacle| f64::from(obstacle.position.ticks()));
+        let obstacle = obstacle.map(|obstacle| f64::from(obstacle.ticks()));
         let is_ideal = [plant.sag, plant.friction, plant.backlash] == [0; 3] && plant.lag == Duration::ZERO;
         if is_ideal && obstacle.is_none() {
             return None;
@@ -116,7 +116,7 @@ impl Mechanics {
         let lean = if is_loaded {
             self.play.copysign(load)
         } else {
-            (self.motor - self.position).clamp(-self.play, self.play)
+            within(self.motor - self.position, self.play)
         };
         let wanted = self.motor - lean;
         let reached = self.reachable(wanted);
@@ -141,7 +141,7 @@ impl Mechanics {
             0.0
         };
         // The implicit Euler method: stable for any lag, and 0 is no special case.
-        self.motor_speed = (drive / (self.lag + DT)).clamp(-FASTEST, FASTEST);
+        self.motor_speed = within(drive / (self.lag + DT), FASTEST);
         self.motor += self.motor_speed * DT;
     }
 
@@ -157,7 +157,7 @@ impl Mechanics {
             let next = speed + (frequency * frequency * drive - 2.0 * damping * frequency * speed) * step;
             let has_turned = speed * next <= 0.0;
             let sticks = error.abs() <= self.friction + RESTING && (has_turned || next.abs() * self.lag < RESTING);
-            self.motor_speed = if sticks { 0.0 } else { next.clamp(-FASTEST, FASTEST) };
+            self.motor_speed = if sticks { 0.0 } else { within(next, FASTEST) };
             self.motor += self.motor_speed * step;
         }
     }
@@ -211,7 +211,7 @@ impl Mechanics {
 
     /// Returns the distance at which the joint rests below its setpoint, without friction.
     fn load(&self) -> f64 {
-        self.sag * ((self.position - self.horizontal) * TAU / f64::from(TICKS_PER_TURN)).cos()
+        self.sag * cosine((self.position - self.horizontal) / f64::from(TICKS_PER_TURN))
     }
 
     /// Returns the position nearest to `to` that the joint can reach and report.
@@ -233,4 +233,44 @@ impl Mechanics {
 fn damping(overshoot: u8) -> f64 {
     let log = (f64::from(overshoot) / 100.0).ln();
     -log / (PI * PI + log * log).sqrt()
+}
+
+/// Limits a value to `-limit..=limit`. `f64::clamp` may panic with its numbers as text, which is much code in the page.
+fn within(value: f64, limit: f64) -> f64 {
+    value.min(limit).max(-limit)
+}
+
+/// Returns the cosine of an angle in turns, to a millionth. Unlike the system's, it is the same on every computer.
+fn cosine(turns: f64) -> f64 {
+    let angle = TAU * (turns - turns.round_ties_even()).abs();
+    let (angle, sign) = if angle > PI / 2.0 {
+        (PI - angle, -1.0)
+    } else {
+        (angle, 1.0)
+    };
+    let square = angle * angle;
+    let factors = [90.0, 56.0, 30.0, 12.0, 2.0];
+    sign * factors.iter().fold(1.0, |sum, factor| 1.0 - square / factor * sum)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cosine_is_that_of_the_system() {
+        for ticks in -8192..=8192 {
+            let turns = f64::from(ticks) / 4096.0;
+            assert!((cosine(turns) - (turns * TAU).cos()).abs() < 1e-6, "{turns}");
+        }
+    }
+
+    #[test]
+    fn damping_gives_the_overshoot_back() {
+        for overshoot in 1..=50 {
+            let ratio = damping(overshoot);
+            let peak = (-PI * ratio / (1.0 - ratio * ratio).sqrt()).exp();
+            assert!((peak * 100.0 - f64::from(overshoot)).abs() < 1e-9, "{overshoot}");
+        }
+    }
 }

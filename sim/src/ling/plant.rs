@@ -5,7 +5,7 @@ use std::fmt;
 use std::ops::RangeInclusive;
 use std::str::FromStr;
 
-use armwire::ling::{JOINTS, Position};
+use armwire::ling::{JOINTS, TICKS_PER_TURN};
 use armwire::time::Duration;
 
 /// Lag, sag, friction and noise of a virtual arm, and what is in its way.
@@ -47,15 +47,25 @@ pub struct Plant {
     pub(super) noise: u8,
     pub(super) seed: u64,
     pub(super) restart: bool,
-    pub(super) obstacle: Option<JointPosition>,
-    pub(super) other: Option<(JointPosition, Duration)>,
+    pub(super) obstacle: Option<JointAngle>,
+    pub(super) other: Option<(JointAngle, Duration)>,
 }
 
-/// A position of one joint, 0 to 5.
+/// An angle of one joint.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct JointPosition {
+pub(super) struct JointAngle {
+    /// 0 to 5.
     pub(super) joint: usize,
-    pub(super) position: Position,
+    /// `-180..180`.
+    degrees: i16,
+}
+
+impl JointAngle {
+    /// Returns the nearest position.
+    pub(super) fn ticks(self) -> u16 {
+        let turn = i32::from(TICKS_PER_TURN);
+        ((i32::from(self.degrees) * turn + 180).div_euclid(360) + turn / 2) as u16
+    }
 }
 
 impl Plant {
@@ -120,15 +130,15 @@ impl Plant {
             "restart" if word == key => self.restart = true,
             "restart" => return Err(wrong("restart, without a value".to_owned())),
             "obstacle" => {
-                let place = value.parse().map_err(|()| wrong(format!("obstacle={PLACE}")))?;
-                self.obstacle = Some(place);
+                let angle = value.parse().map_err(|()| wrong(format!("obstacle={ANGLE}")))?;
+                self.obstacle = Some(angle);
             }
             "other" => {
-                let other = value.split_once('@').and_then(|(place, time)| {
+                let other = value.split_once('@').and_then(|(angle, time)| {
                     let millis = time.strip_suffix("ms")?.parse::<u32>().ok()?;
-                    Some((place.parse().ok()?, Duration::from_millis(millis.into())))
+                    Some((angle.parse().ok()?, Duration::from_millis(millis.into())))
                 });
-                self.other = Some(other.ok_or_else(|| wrong(format!("other={PLACE}, then @TIMEms")))?);
+                self.other = Some(other.ok_or_else(|| wrong(format!("other={ANGLE}, then @TIMEms")))?);
             }
             _ => return Err(PlantError::Unknown(word.to_owned())),
         }
@@ -143,24 +153,23 @@ impl Default for Plant {
     }
 }
 
-const PLACE: &str = "JOINT:ANGLEdeg with a joint from 1 to 6 and an angle from -180 to 179.91";
+const ANGLE: &str = "JOINT:ANGLEdeg with a joint from 1 to 6 and an angle from -180 to 179";
 
-impl FromStr for JointPosition {
+impl FromStr for JointAngle {
     type Err = ();
 
     fn from_str(text: &str) -> Result<Self, ()> {
         let (joint, angle) = text.split_once(':').ok_or(())?;
-        let joint = joint.parse::<usize>().map_err(drop)?.checked_sub(1).ok_or(())?;
-        let degrees = angle.strip_suffix("deg").ok_or(())?.parse::<f32>().map_err(drop)?;
-        let position = Position::from_radians(degrees.to_radians()).map_err(drop)?;
-        (joint < JOINTS).then_some(Self { joint, position }).ok_or(())
+        let joint = joint.parse::<usize>().map_err(drop)?.wrapping_sub(1);
+        let degrees = angle.strip_suffix("deg").ok_or(())?.parse().map_err(drop)?;
+        let is_valid = joint < JOINTS && (-180..180).contains(&degrees);
+        is_valid.then_some(Self { joint, degrees }).ok_or(())
     }
 }
 
-impl fmt::Display for JointPosition {
+impl fmt::Display for JointAngle {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let hundredths = (self.position.radians().to_degrees() * 100.0).round();
-        write!(f, "{}:{}deg", self.joint + 1, hundredths / 100.0)
+        write!(f, "{}:{}deg", self.joint + 1, self.degrees)
     }
 }
 
@@ -216,9 +225,9 @@ impl fmt::Display for Plant {
             number("noise", self.noise.into(), ""),
             (self.seed != Self::IDEAL.seed).then(|| format!("seed={}", self.seed)),
             self.restart.then(|| "restart".to_owned()),
-            self.obstacle.map(|place| format!("obstacle={place}")),
+            self.obstacle.map(|angle| format!("obstacle={angle}")),
             self.other
-                .map(|(place, at)| format!("other={place}@{}ms", at.as_micros() / 1000)),
+                .map(|(angle, at)| format!("other={angle}@{}ms", at.as_micros() / 1000)),
         ];
         f.write_str(&words.into_iter().flatten().collect::<Vec<_>>().join(","))
     }
@@ -248,9 +257,9 @@ pub enum PlantError {
 impl fmt::Display for PlantError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Unknown(word) => write!(f, "unknown word '{}': expected {}", word.escape_debug(), Plant::WORDS),
-            Self::Value { word, expected } => write!(f, "'{}': expected {expected}", word.escape_debug()),
-            Self::Twice(word) => write!(f, "'{}': the same word is given twice", word.escape_debug()),
+            Self::Unknown(word) => write!(f, "unknown word '{word}': expected {}", Plant::WORDS),
+            Self::Value { word, expected } => write!(f, "'{word}': expected {expected}"),
+            Self::Twice(word) => write!(f, "'{word}': the same word is given twice"),
             Self::Preset(word) => write!(f, "'{word}': a preset is the first word, and the only preset"),
             Self::OvershootWithoutLag => write!(f, "overshoot needs a lag, for example lag=60ms"),
         }
@@ -266,11 +275,8 @@ pub(super) mod tests {
 
     use super::*;
 
-    fn any_place() -> impl Strategy<Value = JointPosition> {
-        (0..JOINTS, 0..=4095_u16).prop_map(|(joint, ticks)| JointPosition {
-            joint,
-            position: Position::new(ticks).unwrap(),
-        })
+    fn any_angle() -> impl Strategy<Value = JointAngle> {
+        (0..JOINTS, -180..180_i16).prop_map(|(joint, degrees)| JointAngle { joint, degrees })
     }
 
     /// Any plant, near the presets more often than by chance.
@@ -279,8 +285,8 @@ pub(super) mod tests {
         let others = (
             prop_oneof![Just(1), any::<u64>()],
             any::<bool>(),
-            option::of(any_place()),
-            option::of((any_place(), 0..=u32::MAX)),
+            option::of(any_angle()),
+            option::of((any_angle(), 0..=u32::MAX)),
         );
         let any = (numbers, others).prop_map(
             |((sag, lag, overshoot, friction, backlash, noise), (seed, restart, obstacle, other))| Plant {
@@ -293,7 +299,7 @@ pub(super) mod tests {
                 seed,
                 restart,
                 obstacle,
-                other: other.map(|(place, at)| (place, Duration::from_millis(at.into()))),
+                other: other.map(|(angle, at)| (angle, Duration::from_millis(at.into()))),
             },
         );
         prop_oneof![1 => Just(Plant::IDEAL), 1 => Just(Plant::TYPICAL), 8 => any]
@@ -315,21 +321,22 @@ pub(super) mod tests {
 
     #[test]
     fn preset_is_refined_by_later_words() {
-        let plant: Plant = "typical,sag=26,restart,obstacle=2:30deg,other=1:-12.5deg@1500ms"
+        let plant: Plant = "typical,sag=26,restart,obstacle=2:30deg,other=1:-12deg@1500ms"
             .parse()
             .unwrap();
-        let place = |joint, ticks| JointPosition {
-            joint,
-            position: Position::new(ticks).unwrap(),
-        };
+        let angle = |joint, degrees| JointAngle { joint, degrees };
         let expected = Plant {
             sag: 26,
             restart: true,
-            obstacle: Some(place(1, 2389)),
-            other: Some((place(0, 1906), Duration::from_millis(1500))),
+            obstacle: Some(angle(1, 30)),
+            other: Some((angle(0, -12), Duration::from_millis(1500))),
             ..Plant::TYPICAL
         };
         assert_eq!(plant, expected);
+        assert_eq!(
+            [angle(1, 30), angle(0, -12), angle(0, -180)].map(JointAngle::ticks),
+            [2389, 1911, 0]
+        );
         assert_eq!("ideal".parse(), Ok(Plant::IDEAL));
         assert_eq!(
             "sag=10,lag=40ms,friction=3,noise=1"
@@ -367,13 +374,21 @@ pub(super) mod tests {
         ] {
             assert_eq!(text.parse::<Plant>().unwrap_err().to_string(), error);
         }
-        for place in [
-            "", "30deg", "0:30deg", "7:30deg", "2:30", "2:180deg", "2:NaNdeg", "x:1deg",
+        for angle in [
+            "",
+            "30deg",
+            "0:30deg",
+            "7:30deg",
+            "2:30",
+            "2:180deg",
+            "2:-181deg",
+            "2:1.5deg",
+            "x:1deg",
         ] {
-            let error = format!("obstacle={place}").parse::<Plant>().unwrap_err();
-            assert!(matches!(error, PlantError::Value { .. }), "{place}");
-            let error = format!("other={place}@5ms").parse::<Plant>().unwrap_err();
-            assert!(matches!(error, PlantError::Value { .. }), "{place}");
+            let error = format!("obstacle={angle}").parse::<Plant>().unwrap_err();
+            assert!(matches!(error, PlantError::Value { .. }), "{angle}");
+            let error = format!("other={angle}@5ms").parse::<Plant>().unwrap_err();
+            assert!(matches!(error, PlantError::Value { .. }), "{angle}");
         }
         for time in ["", "@", "@5", "@-5ms", "@4294967296ms"] {
             assert!(format!("other=2:30deg{time}").parse::<Plant>().is_err(), "{time}");

@@ -7,6 +7,7 @@
 use armwire::ling::{JOINTS, Speed, Torque};
 use armwire::time::Instant;
 use armwire_sim::faults::Rates;
+use armwire_sim::ling::{Plant, PlantError};
 
 use crate::counters;
 use crate::jog::Direction;
@@ -55,7 +56,7 @@ fn put(output: &mut [u8], bytes: &[u8]) -> usize {
 pub extern "C" fn engine_new() -> Box<Engine> {
     Box::new(Engine {
         session: Session::new(Instant::ZERO),
-        arm: VirtualArm::new(0),
+        arm: VirtualArm::new(0, Plant::DEFAULT),
         record: None,
         input: [0; BUFFER],
         output: [0; BUFFER],
@@ -282,10 +283,28 @@ pub extern "C" fn record_text(engine: &mut Engine) -> usize {
     record.as_ref().map_or(0, |record| put(output, record.text.as_bytes()))
 }
 
-/// Replaces the virtual arm by a new one. The seed determines the faults of its line.
+/// Replaces the virtual arm by a new one. The seed determines the faults of its line. Its plant is the text in the first
+/// `len` bytes of the input, or the default for an empty text.
+///
+/// Returns 0, or writes the reason why the text is wrong to the output and returns its length. The arm is then unchanged.
 #[unsafe(no_mangle)]
-pub extern "C" fn virtual_start(engine: &mut Engine, seed: u32) {
-    engine.arm = VirtualArm::new(seed.into());
+pub extern "C" fn virtual_start(engine: &mut Engine, seed: u32, len: usize) -> usize {
+    let Engine { input, output, arm, .. } = engine;
+    match plant(&input[..len.min(BUFFER)]) {
+        Ok(plant) => {
+            *arm = VirtualArm::new(seed.into(), plant);
+            0
+        }
+        Err(reason) => put(output, reason.as_bytes()),
+    }
+}
+
+fn plant(text: &[u8]) -> Result<Plant, String> {
+    match str::from_utf8(text) {
+        Ok("") => Ok(Plant::DEFAULT),
+        Ok(text) => text.parse().map_err(|error: PlantError| error.to_string()),
+        Err(error) => Err(error.to_string()),
+    }
 }
 
 /// Passes the first `len` bytes of the input to the virtual arm. Returns false if the buffer is shorter.

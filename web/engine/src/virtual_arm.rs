@@ -2,7 +2,7 @@
 
 use armwire::time::{Duration, Instant};
 use armwire_sim::faults::{Injected, Line, Rates};
-use armwire_sim::ling::{Config, LingArm};
+use armwire_sim::ling::{Config, LingArm, Plant};
 use armwire_sim::serial::SerialDevice;
 
 /// A byte at 1 Mbaud.
@@ -29,9 +29,13 @@ pub struct VirtualArm {
 
 impl VirtualArm {
     /// An arm on a line without faults. The seed determines later faults.
-    pub fn new(seed: u64) -> Self {
+    pub fn new(seed: u64, plant: Plant) -> Self {
+        let arm = LingArm::new(Config {
+            plant,
+            ..Config::follower()
+        });
         Self {
-            line: Line::new(LingArm::new(Config::follower()), Rates::NONE, Rates::NONE, seed),
+            line: Line::new(arm, Rates::NONE, Rates::NONE, seed),
             now: Instant::ZERO,
         }
     }
@@ -109,7 +113,7 @@ mod tests {
 
     #[test]
     fn answer_is_ready_after_line_time_and_turnaround() {
-        let mut arm = VirtualArm::new(1);
+        let mut arm = VirtualArm::new(1, Plant::IDEAL);
         let mut out = [0; 64];
         arm.receive(Instant::ZERO, &READ_JOINTS);
         assert_eq!(arm.transmit(Instant::ZERO, &mut out), 0);
@@ -121,7 +125,7 @@ mod tests {
 
     #[test]
     fn line_that_loses_every_byte_counts_them() {
-        let mut arm = VirtualArm::new(1);
+        let mut arm = VirtualArm::new(1, Plant::IDEAL);
         let drop = 1_000_000;
         arm.set_faults(Rates { drop, ..Rates::NONE });
         arm.receive(Instant::ZERO, &READ_JOINTS);

@@ -1,6 +1,7 @@
 use armwire::ling::{Frame, GripperSpeed, JOINTS, Move, Position};
 use armwire::{Device, DeviceEvent};
 use armwire_sim::faults::Rates;
+use armwire_sim::ling::Plant;
 
 use super::*;
 use crate::log::Event as Logged;
@@ -23,7 +24,7 @@ impl Bench {
         session.set_speed(Speed::new(1_000).unwrap());
         Self {
             session,
-            arm: VirtualArm::new(1),
+            arm: VirtualArm::new(1, Plant::DEFAULT),
             now: Instant::ZERO,
             sent: Vec::new(),
             connected: true,
