@@ -18,6 +18,14 @@ fn host(config: Config) -> Host<LingArm> {
     Wire::new(armwire::Config::default(), LingArm::new(config))
 }
 
+/// A follower whose joints are exactly where their commands put them.
+fn ideal() -> Config {
+    Config {
+        plant: Plant::IDEAL,
+        ..Config::follower()
+    }
+}
+
 fn joints<D: SerialDevice>(host: &mut Host<D>) -> JointState {
     match host.call(Request::ReadJoints) {
         Ok(Some(Response::Joints(state))) => state,
@@ -63,7 +71,7 @@ fn bytes(request: &Request) -> Vec<u8> {
 
 #[test]
 fn motion_keeps_commanded_speed_until_target() {
-    let mut host = host(Config::follower());
+    let mut host = host(ideal());
     host.call(go(3048, 1000, 600)).unwrap();
     let start = host.elapsed();
 
@@ -85,7 +93,7 @@ fn motion_keeps_commanded_speed_until_target() {
 
 #[test]
 fn arm_reports_its_state_over_the_line() {
-    let mut host = host(Config::follower());
+    let mut host = host(ideal());
     host.call(go(1000, 100, 900)).unwrap();
     host.wait(seconds(2));
     let state = joints(&mut host);
@@ -99,7 +107,7 @@ fn arm_reports_its_state_over_the_line() {
 
 #[test]
 fn gripper_speed_beyond_joint_maximum_is_accepted() {
-    let mut host = host(Config::follower());
+    let mut host = host(ideal());
     let Request::Move(mut target) = go(2048, 0, 1000) else {
         unreachable!()
     };
@@ -111,7 +119,7 @@ fn gripper_speed_beyond_joint_maximum_is_accepted() {
 
 #[test]
 fn without_torque_arm_ignores_motion_gives_way() {
-    let mut host = host(Config::follower());
+    let mut host = host(ideal());
     assert!(!host.device_mut().push_joint(0, Position::MAX));
     assert!(!host.device_mut().push_gripper(Opening::OPEN));
 
@@ -139,7 +147,7 @@ fn without_torque_arm_ignores_motion_gives_way() {
 
 #[test]
 fn zeroing_sets_origin_and_switches_torque_off() {
-    let mut host = host(Config::follower());
+    let mut host = host(ideal());
     host.call(go(3000, 1000, 500)).unwrap();
     host.wait(Duration::from_millis(100));
     host.call(Request::SetZero).unwrap();
@@ -150,7 +158,7 @@ fn zeroing_sets_origin_and_switches_torque_off() {
 
 #[test]
 fn set_stroke_is_read_back() {
-    let mut host = host(Config::follower());
+    let mut host = host(ideal());
     for stroke in [Stroke::Mm75, Stroke::Mm100, Stroke::Mm50] {
         host.call(Request::SetStroke(stroke)).unwrap();
         assert_eq!(host.call(Request::ReadStroke), Ok(Some(Response::Stroke(stroke))));
@@ -160,7 +168,7 @@ fn set_stroke_is_read_back() {
 
 #[test]
 fn servos_warm_in_motion_and_cool_at_rest() {
-    let mut host = host(Config::follower());
+    let mut host = host(ideal());
     assert_eq!(host.device().temperatures(), PerServo::Follower([25; 10]));
     host.device_mut().advance(Instant::ZERO + seconds(3_600));
     assert_eq!(host.device().temperatures(), PerServo::Follower([34; 10])); // just below 35
@@ -183,7 +191,7 @@ fn servos_warm_in_motion_and_cool_at_rest() {
 
 #[test]
 fn heat_is_reported_and_stops_arm_until_cooled() {
-    let mut host = host(Config::follower());
+    let mut host = host(ideal());
     let limit = |celsius| Request::SetTemperatureLimit(TemperatureLimit::new(celsius).unwrap());
     host.wait(seconds(3_600)); // 34 °C
     host.call(go(2148, 1000, 0)).unwrap();
@@ -220,7 +228,7 @@ fn heat_is_reported_and_stops_arm_until_cooled() {
 
 #[test]
 fn hard_work_overheats_arm_at_factory_limit() {
-    let mut host = host(Config::follower());
+    let mut host = host(ideal());
     let mut seen = Vec::new();
     for leg in 0..1_000 {
         host.call(go(if leg % 2 == 0 { 4095 } else { 0 }, 5000, 0)).unwrap();
@@ -241,7 +249,7 @@ fn hard_work_overheats_arm_at_factory_limit() {
 
 #[test]
 fn self_check_names_the_faulty_servos() {
-    let mut host = host(Config::follower());
+    let mut host = host(ideal());
     for id in [0, 3, 10, 11] {
         host.device_mut().set_faulty(id, true);
     }
@@ -257,7 +265,10 @@ fn self_check_names_the_faulty_servos() {
 
 #[test]
 fn leader_has_six_servos_and_no_own_motion() {
-    let mut host = host(Config::leader());
+    let mut host = host(Config {
+        plant: Plant::IDEAL,
+        ..Config::leader()
+    });
     let Ok(Some(Response::Info(info))) = host.call(Request::ReadInfo) else {
         panic!()
     };
@@ -485,7 +496,7 @@ proptest! {
 
 #[test]
 fn late_or_endless_clock_is_handled() {
-    let mut arm = LingArm::new(Config::follower());
+    let mut arm = LingArm::new(ideal());
     arm.advance(Instant::from_micros(1_700_000_000_000_000));
     assert_eq!(arm.joints(), [2048; JOINTS]);
     arm.advance(Instant::from_micros(u64::MAX));
