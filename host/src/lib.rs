@@ -98,6 +98,7 @@ pub use ports::system::has_serial_port;
 pub use ports::tap::Tap;
 pub use ports::tcp::TcpAddress;
 pub use ports::{adapter, control, line_reservation, settings};
-pub use reader::{Counts, Rate, Readable, Reader, Reading, Stamping};
+pub use reader::{Counts, Readable, Reader, Reading, Stamping};
+pub use time::rate::Rate;
 pub use time::silence::SilenceLimit;
 pub use time::{stamps, stopwatch};

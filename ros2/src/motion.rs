@@ -9,7 +9,7 @@ use armwire::ling::Move;
 use armwire::time::{Duration, Instant};
 use armwire_host::engine::{self, Engine, Fault};
 use armwire_host::trajectory::{Knot, Trajectory};
-use armwire_host::{AXES, trajectory as host};
+use armwire_host::{AXES, Rate, trajectory as host};
 use ros2_client::action::GoalId;
 
 use crate::joint_states::{Reading, Units};
@@ -17,8 +17,6 @@ use crate::messages::JointTrajectory;
 use crate::tolerances::Tolerances;
 use crate::trajectory::{self, Joint, Path, Pose, Refusal};
 
-/// Time between two moves.
-pub(crate) const MOVE_PERIOD: Duration = Duration::from_millis(10);
 /// Minimum time between two outputs of feedback.
 const FEEDBACK_PERIOD: Duration = Duration::from_millis(50);
 /// A joint or gripper that moves away from its goal by more than this, in rad or m, was moved by another host.
@@ -138,7 +136,7 @@ impl Motion {
             required,
             units,
             reading: reading.clone(),
-            engine: Engine::new(MOVE_PERIOD, silence, units.tolerance(&drift)),
+            engine: Engine::new(Rate::MOVES, silence, units.tolerance(&drift)),
             playing: None,
             waiting: None,
             outputs: VecDeque::new(),

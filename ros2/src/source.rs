@@ -137,7 +137,7 @@ mod tests {
     use super::*;
     use crate::joint_states::{Reading, Units, joints};
     use crate::messages::{JointTrajectory, JointTrajectoryPoint, Time};
-    use crate::motion::{MOVE_PERIOD, Motion, Order, Origin, Output};
+    use crate::motion::{Motion, Order, Origin, Output};
 
     /// The time of a byte at 1 Mbaud.
     const BYTE: Duration = Duration::from_micros(10);
@@ -255,7 +255,7 @@ mod tests {
                 }
             }
         }
-        assert!(worst.as_micros() < 3 * MOVE_PERIOD.as_micros(), "{worst:?}");
+        assert!(worst.as_micros() < 3 * PERIOD.as_micros(), "{worst:?}");
         let lost = port.requests - port.readings;
         assert!(
             (port.requests / 100..port.requests / 25).contains(&lost),

@@ -7,6 +7,7 @@ use std::time::Duration;
 
 use armwire::OutOfRange;
 use armwire::ling::Speed;
+use armwire_host::Rate;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 
 /// A parser of values with names.
@@ -41,6 +42,11 @@ pub(crate) fn made<T: FromStr, V, E: Display>(
 pub(crate) fn seconds(text: &str) -> Result<Duration, String> {
     let seconds = parse(text, "a number")?;
     Duration::try_from_secs_f32(seconds).map_err(|_| format!("'{text}' is not a valid time in seconds"))
+}
+
+/// A rate in hertz.
+pub(crate) fn rate(text: &str) -> Result<Rate, String> {
+    made(text, "a rate from 1 to 1000 Hz", Rate::new)
 }
 
 /// The speed of a joint that is to move, in degrees per second.

@@ -10,11 +10,11 @@ use armwire::ling::{JOINTS, JointState, Kind, Speed, Stroke, Torque};
 use armwire::time;
 use armwire_host::replay::{self, Motion, Output, Progress, Range, Refusal, Tracking};
 use armwire_host::stopwatch::Stopwatch;
-use armwire_host::{Error as Host, Limits, Ling, Stream};
+use armwire_host::{Error as Host, Limits, Ling, Rate, Stream};
 use clap::Args;
 
 use crate::args::ArmPort;
-use crate::call::values::{joint_speed, parse, seconds};
+use crate::call::values::{joint_speed, parse, rate, seconds};
 use crate::error::Error;
 use crate::output::{print_error, print_line};
 use crate::signals;
@@ -55,8 +55,8 @@ pub(crate) struct Replay {
     #[arg(long)]
     topic: Option<String>,
     /// Moves per second.
-    #[arg(long, value_name = "HERTZ", default_value_t = 100, value_parser = clap::value_parser!(u16).range(1..=1000))]
-    rate: u16,
+    #[arg(long, value_name = "HERTZ", default_value = "100", value_parser = rate)]
+    rate: Rate,
     #[command(flatten)]
     status: StatusArg,
 }
@@ -83,11 +83,16 @@ impl Replay {
         if let Some(lack) = lack(recorded.source, motion.has_gripper()) {
             print_error(&lack);
         }
-        let period = time::Duration::from_micros(1_000_000 / u64::from(self.rate));
         let length = motion.length();
-        let mut replay = replay::Replay::new(motion, period, self.is_endless);
+        let mut replay = replay::Replay::new(motion, self.is_endless);
         let mut stream = arm.into_stream();
-        let played = play(&mut stream, &mut replay, &state, self.status.bar(length.as_micros()));
+        let played = play(
+            &mut stream,
+            &mut replay,
+            &state,
+            length,
+            self.status.bar(length.as_micros()),
+        );
         let mut arm = stream.into_arm();
         // Torque-on ends an adapter's stream, and the torque stays on.
         let ended = match played {
@@ -115,10 +120,11 @@ impl Replay {
         };
         let name = self.file.display().to_string();
         let points = recorded.points(stroke).map_err(|reason| Error::at(&name, reason))?;
-        Motion::new(&points, &range, limits).map_err(|refusal| {
+        Motion::new(&points, &range, limits, self.rate).map_err(|refusal| {
             let hint = match (&refusal, recorded.source) {
                 (Refusal::Jump { .. } | Refusal::Gap { .. }, Source::Goals) => " (--readings replays the readings)",
                 (Refusal::Jump { .. }, _) => " (--max-speed, --speed)",
+                (Refusal::Rate { .. }, _) => " (--rate, --speed)",
                 _ => "",
             };
             Error::at(&name, format_args!("{refusal}{hint}"))
@@ -139,7 +145,13 @@ impl Replay {
 }
 
 /// Makes the moves of a replay, from an arm in this state.
-fn play(stream: &mut Stream, replay: &mut replay::Replay, state: &JointState, mut status: Status) -> Result<(), Error> {
+fn play(
+    stream: &mut Stream,
+    replay: &mut replay::Replay,
+    state: &JointState,
+    length: time::Duration,
+    mut status: Status,
+) -> Result<(), Error> {
     let clock = Stopwatch::start();
     replay.on_reading(clock.now(), state);
     loop {
@@ -154,7 +166,7 @@ fn play(stream: &mut Stream, replay: &mut replay::Replay, state: &JointState, mu
                 for reading in stream.receive(clock.until(until).min(MAX_WAIT))? {
                     replay.on_reading(clock.now(), &reading);
                 }
-                let (at, text) = progress(replay.progress(now));
+                let (at, text) = progress(replay.progress(now), length);
                 status.show_at(at.as_micros(), || text);
             }
             Output::Done => return Ok(()),
@@ -195,13 +207,14 @@ fn lack(source: Source, has_gripper: bool) -> Option<&'static str> {
     }
 }
 
-/// The time in the motion, and what the arm does.
-fn progress(progress: Progress) -> (time::Duration, String) {
+/// The time in a motion of this length, and what the arm does.
+fn progress(progress: Progress, length: time::Duration) -> (time::Duration, String) {
     let start = time::Duration::ZERO;
     match progress {
         Progress::Waiting => (start, "waiting for the arm".to_owned()),
         Progress::Approaching(degrees) => (start, format!("going to the first pose: {degrees:.1}° left")),
         Progress::Playing(at) => (at, format!("playing: {:.1} s", at.as_micros() as f64 / 1e6)),
+        Progress::Arriving(degrees) => (length, format!("coming to rest at the last pose: {degrees:.1}° left")),
         Progress::Done => (start, "done".to_owned()),
     }
 }
@@ -217,5 +230,9 @@ fn report(tracking: &Tracking) -> Result<(), Error> {
         tracking.readings()
     ))?;
     print_line(format_args!("  maximum  {}", each(tracking.max_degrees())))?;
-    print_line(format_args!("  RMS      {}", each(tracking.rms_degrees())))
+    print_line(format_args!("  RMS      {}", each(tracking.rms_degrees())))?;
+    match tracking.end_degrees() {
+        Some(end) => print_line(format_args!("  at rest  {}", each(end))),
+        None => Ok(()),
+    }
 }

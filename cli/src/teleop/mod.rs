@@ -12,11 +12,11 @@ use armwire::ling::{JOINTS, JointState, Kind, Speed, TICKS_PER_TURN};
 use armwire::time;
 use armwire_host::follow::{End, Follow, Output, Pause, Progress, Start};
 use armwire_host::stopwatch::Stopwatch;
-use armwire_host::{Error as Host, Limits, Ling, Port, Stream};
+use armwire_host::{Error as Host, Limits, Ling, Port, Rate, Stream};
 use clap::Args;
 
 use crate::args::Baud;
-use crate::call::values::{joint_speed, parse};
+use crate::call::values::{joint_speed, parse, rate};
 use crate::error::Error;
 use crate::monitor::Recorder;
 use crate::output::{print_error, print_line};
@@ -51,8 +51,8 @@ pub(crate) struct Teleop {
     #[arg(long)]
     no_approach: bool,
     /// Moves per second.
-    #[arg(long, value_name = "HERTZ", default_value_t = 100, value_parser = clap::value_parser!(u16).range(1..=1000))]
-    rate: u16,
+    #[arg(long, value_name = "HERTZ", default_value = "100", value_parser = rate)]
+    rate: Rate,
     /// Record both arms to this MCAP file. An existing file is not replaced.
     #[arg(long, value_name = "FILE")]
     mcap: Option<PathBuf>,
@@ -85,11 +85,10 @@ impl Teleop {
             true => Start::Refuse,
             false => Start::Approach,
         };
-        let period = time::Duration::from_micros(1_000_000 / u64::from(self.rate));
         let mut session = Session {
             leader,
             recorder: &mut recorder,
-            follow: Follow::new(limits, start, period),
+            follow: Follow::new(limits, start, self.rate),
             clock: Stopwatch::start(),
             sums: Sums::default(),
             status: self.status.line(),

@@ -230,6 +230,60 @@ fn unsuitable_recordings_are_refused_without_the_arm() {
     }
 }
 
+/// A motion of the joints by 149°/s, to 149°.
+fn fast() -> Recording {
+    let positions: Vec<_> = (0..=50).map(|n| (n * 20, [0.052 * f64::from(n); 6])).collect();
+    let positions: Vec<_> = positions
+        .iter()
+        .map(|(millis, positions)| (*millis, &positions[..]))
+        .collect();
+    Recording::joint_states(&NAMES[..6], &positions)
+}
+
+#[test]
+fn rate_too_slow_for_the_motion_is_refused_without_the_arm() {
+    let recording = fast();
+    let line = failure(&run(&["replay", recording.path(), "/dev/absent", "--rate", "10"]));
+    let reason = "joint 1 moves by 9.0° within 60 ms at 0.00 s, and steps of 4.9° at 10 Hz are slower: 30 Hz would do \
+                  (--rate, --speed)";
+    assert_eq!(line, format!("{}: {reason}", recording.path()));
+}
+
+#[test]
+fn replay_ends_at_the_last_pose() {
+    let arm = Arm::start("ling", "replay-end", &["--plant", "typical"]);
+    let output = fast().replay(&[&arm.port, "--rate", "40"]);
+    assert!(output.status.success(), "{output:?}");
+    let out = String::from_utf8(output.stdout).unwrap();
+    assert!(out.lines().last().unwrap().starts_with("  at rest  0."), "{out}");
+    assert_joints_near(&arm, 148.97);
+}
+
+/// Asserts that the joints are within 0.1 rad of this angle in degrees.
+fn assert_joints_near(arm: &Arm, degrees: f64) {
+    let joints = success(&["call", "ling", &arm.port, "read-joints"]);
+    let angles: Vec<f64> = joints
+        .split('°')
+        .filter_map(|text| text.rsplit(' ').next()?.parse().ok())
+        .collect();
+    assert!(
+        angles.len() == 6 && angles.iter().all(|angle| (angle - degrees).abs() < 5.73),
+        "{joints}"
+    );
+}
+
+#[test]
+fn arm_that_stays_away_from_the_last_pose_is_named() {
+    let arm = Arm::start("ling", "replay-away", &["--plant", "obstacle=3:141deg"]);
+    let output = fast().replay(&[&arm.port]);
+    assert_eq!(output.status.code(), Some(1), "{output:?}");
+    let stderr = String::from_utf8(output.stderr).unwrap();
+    assert!(
+        stderr.contains("joint 3 is at rest 8.0° away from the last pose: is something in its way?; "),
+        "{stderr}"
+    );
+}
+
 #[test]
 fn file_that_is_cut_within_its_magic_is_no_recording() {
     let path = free_path("cut.mcap");

@@ -20,7 +20,10 @@ fn loaded_joints_rest_below_their_goal() {
 #[test]
 fn wrong_plant_is_refused_with_its_word() {
     for (plant, reason) in [
-        ("gremlins=1", "unknown word 'gremlins=1': expected ideal, typical, sag=TICKS, "),
+        (
+            "gremlins=1",
+            "unknown word 'gremlins=1': expected ideal, typical, sag=TICKS, ",
+        ),
         ("typical,sag=201", "'sag=201': expected sag=N with N from 0 to 200"),
         ("sag=1,sag=2", "'sag=2': the same word is given twice"),
     ] {

@@ -12,8 +12,8 @@ use armwire::time::Instant;
 use armwire_bridge::Duration;
 use armwire_bridge::config::{Config as AdapterConfig, HostTimeout};
 use armwire_bridge::control;
-use armwire_host::Limits;
 use armwire_host::follow::{Follow, Output, Pause, Progress, Start};
+use armwire_host::{Limits, Rate};
 use armwire_host_tests::image::requests::frame;
 use armwire_host_tests::image::{Control, MEGABAUD, on_board, plug_in};
 use armwire_sim::faults::{Line, Rates};
@@ -130,7 +130,7 @@ fn on_pair<R>(rates: Rates, test: impl FnOnce(&mut Pair<'_>) -> R) -> R {
             test(&mut Pair {
                 leader: Side::new(leader),
                 follower,
-                follow: Follow::new(Limits::FOLLOW, Start::Approach, PERIOD),
+                follow: Follow::new(Limits::FOLLOW, Start::Approach, Rate::MOVES),
                 hand: Hand::default(),
                 now: Instant::ZERO,
                 is_plugged: true,

@@ -13,6 +13,7 @@ use armwire::time::{Duration, Instant};
 use crate::motion::axes::{Axes, Off, Tolerance, axes, degrees, joints, seconds};
 use crate::motion::goal::{Goal, Target, TrackingLimit, Way};
 use crate::time::pace::Pace;
+use crate::time::rate::Rate;
 
 /// A source of targets.
 pub trait Source {
@@ -111,11 +112,11 @@ pub struct Engine {
 }
 
 impl Engine {
-    /// A motion with a move per `period`, of an arm that is silent after `silence`. A resting axis that moves away from its
+    /// A motion with moves at this rate, of an arm that is silent after `silence`. A resting axis that moves away from its
     /// goal by more than `drift` was moved by another host, and gives its goal up.
-    pub fn new(period: Duration, silence: Duration, drift: Tolerance) -> Self {
+    pub fn new(rate: Rate, silence: Duration, drift: Tolerance) -> Self {
         Self {
-            pace: Pace::new(period),
+            pace: Pace::new(rate),
             silence,
             drift,
             begun: None,

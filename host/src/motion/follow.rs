@@ -12,6 +12,7 @@ use armwire::time::{Duration, Instant};
 use crate::motion::axes::{AXES, Off, degrees, farthest, seconds};
 use crate::motion::engine::{self, Engine, Fault, Next, Seen, Source};
 use crate::motion::goal::{Limits, Target, TrackingLimit, Way};
+use crate::time::rate::Rate;
 use crate::time::silence::SilenceLimit;
 
 /// The time for the first readings.
@@ -123,11 +124,11 @@ impl error::Error for End {}
 ///
 /// ```
 /// use armwire::ling::{JointState, MotionStatus};
-/// use armwire::time::{Duration, Instant};
-/// use armwire_host::Limits;
+/// use armwire::time::Instant;
+/// use armwire_host::{Limits, Rate};
 /// use armwire_host::follow::{Follow, Output, Start};
 ///
-/// let mut follow = Follow::new(Limits::FOLLOW, Start::Approach, Duration::from_millis(10));
+/// let mut follow = Follow::new(Limits::FOLLOW, Start::Approach, Rate::MOVES);
 /// let now = Instant::ZERO;
 /// let state = JointState { joints: [2048; 6], gripper: 500, status: MotionStatus::Locked };
 /// follow.on_follower(now, &state);
@@ -179,11 +180,11 @@ enum Phase {
 }
 
 impl Follow {
-    /// Teleoperation with a move per `period`.
-    pub fn new(limits: Limits, start: Start, period: Duration) -> Self {
-        let silence = SilenceLimit::PAUSE.at(period);
+    /// Teleoperation with moves at this rate.
+    pub fn new(limits: Limits, start: Start, rate: Rate) -> Self {
+        let silence = SilenceLimit::PAUSE.at(rate.micros());
         Self {
-            engine: Engine::new(period, silence, [None; AXES]),
+            engine: Engine::new(rate, silence, [None; AXES]),
             script: Script {
                 limits,
                 start,

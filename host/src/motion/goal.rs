@@ -1,6 +1,7 @@
 //! The goal of a streamed motion: how far it may be from the one before, how fast the joints go there, and which joint
 //! does not.
 
+use armwire::OutOfRange;
 use armwire::ling::{GripperSpeed, JOINTS, Move, Speed};
 use armwire::time::{Duration, Instant};
 
@@ -35,6 +36,21 @@ impl Limits {
         speeds: [speed(2_048); JOINTS],
         step: 56,
     };
+
+    /// Refuses limits within which a joint does not move.
+    ///
+    /// # Errors
+    ///
+    /// [`OutOfRange`] for a speed under [`Speed::SLOWEST`], and for a step of 0.
+    pub(crate) fn check(&self) -> Result<(), OutOfRange> {
+        for speed in self.speeds {
+            Speed::for_move(speed.ticks_per_second())?;
+        }
+        match self.step {
+            0 => Err(OutOfRange::new("distance between two goals", "ticks", 0, 1, u16::MAX)),
+            _ => Ok(()),
+        }
+    }
 
     /// Those on the way to a motion: 20°/s at most.
     pub(crate) fn of_approach(&self) -> Self {

@@ -160,6 +160,7 @@ mod tests {
     use super::*;
     use crate::motion::axes::with_gripper;
     use crate::motion::engine::{Engine, Output};
+    use crate::time::rate::Rate;
 
     fn knot(millis: u64, joint: f64, gripper: f64) -> Knot {
         Knot {
@@ -228,7 +229,7 @@ mod tests {
                 goal_time: Duration::from_millis(500),
             };
             let mut bench = Self {
-                engine: Engine::new(Duration::from_millis(10), Duration::from_millis(250), [None; 7]),
+                engine: Engine::new(Rate::MOVES, Duration::from_millis(250), [None; 7]),
                 trajectory: trajectory(&[knot(1_000, 2_100.0, 0.0)], Some(tolerances)),
                 now: Instant::ZERO,
                 state: JointState {

@@ -1,13 +1,12 @@
 //! The newest pose of an arm, read by a thread of its own.
 //!
-//! [`pose`] has what is read, [`rate`] how often, [`patience`] how long an answer is waited for, and [`history`] keeps each
-//! [`reading`]. [`polled`] has the readings of an adapter.
+//! [`pose`] has what is read, [`patience`] how long an answer is waited for, and [`history`] keeps each [`reading`].
+//! [`polled`] has the readings of an adapter.
 
 mod history;
 mod patience;
 mod polled;
 mod pose;
-mod rate;
 mod reading;
 
 use std::fmt;
@@ -16,14 +15,13 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
-use armwire::time;
-
 use crate::arm::ling::Ling;
 use crate::arm::shared::Shared;
 use crate::arm::xarm::XArm;
 use crate::error::Error;
 use crate::ports::control::Adapter;
 use crate::time::pace::Pace;
+use crate::time::rate::Rate;
 use crate::time::silence::SilenceLimit;
 use crate::time::stamps::{HostTime, monotonic};
 use crate::time::stopwatch::Stopwatch;
@@ -32,7 +30,6 @@ use patience::Patience;
 use polled::Polled;
 
 pub use pose::Readable;
-pub use rate::Rate;
 use reading::End;
 pub use reading::{Counts, Reading, Stamping};
 
@@ -216,9 +213,7 @@ impl<A: Readable> Reader<A> {
         Self {
             arm: arm.clone(),
             history: Arc::new(History::new()),
-            max_age: SilenceLimit::STALE
-                .at(time::Duration::from_micros(rate.micros()))
-                .into(),
+            max_age: SilenceLimit::STALE.at(rate.micros()).into(),
             stop: Arc::default(),
             thread: None,
         }
@@ -270,10 +265,7 @@ impl<A: Readable> fmt::Debug for Reader<A> {
 /// Reads the arm at this rate until the stop, or until no later reading can succeed.
 fn read<A: Readable>(arm: &Shared<A>, rate: Rate, history: &History<A::Pose>, stop: &AtomicBool) {
     let clock = Stopwatch::start();
-    let (mut pace, mut patience) = (
-        Pace::new(time::Duration::from_micros(rate.micros())),
-        Patience::default(),
-    );
+    let (mut pace, mut patience) = (Pace::new(rate), Patience::default());
     while !stop.load(Ordering::Relaxed) {
         let left = clock.until(pace.next());
         if !left.is_zero() {

@@ -9,9 +9,10 @@ use armwire_bridge::control::{Event, Stamp, Subscription};
 
 use super::history::History;
 use super::pose::Readable;
-use super::{End, Rate, Stamping};
+use super::{End, Stamping};
 use crate::error::Error;
 use crate::ports::control::Adapter;
+use crate::time::rate::Rate;
 use crate::time::stamps::{Clock, HostTime};
 
 /// Maximum wait for an event, and the wait after a failed one.
@@ -134,7 +135,7 @@ struct Gaps {
 impl Gaps {
     const fn new(rate: Rate) -> Self {
         Self {
-            period: rate.micros(),
+            period: rate.micros().as_micros(),
             last: None,
         }
     }

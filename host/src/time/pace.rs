@@ -2,6 +2,8 @@
 
 use armwire::time::{Duration, Instant};
 
+use crate::time::rate::Rate;
+
 /// The times of repetitions, on a grid: a late one does not shift the next, and missed ones are skipped.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Pace {
@@ -11,10 +13,11 @@ pub(crate) struct Pace {
 
 impl Pace {
     /// A pace whose first repetition is due at the first call of [`begin`](Self::begin).
-    pub(crate) fn new(period: Duration) -> Self {
-        // A period of zero would be due for ever.
-        let period = period.max(Duration::from_micros(1));
-        Self { period, due: None }
+    pub(crate) fn new(rate: Rate) -> Self {
+        Self {
+            period: rate.micros(),
+            due: None,
+        }
     }
 
     pub(crate) fn period(&self) -> Duration {
@@ -46,7 +49,7 @@ mod tests {
 
     #[test]
     fn missed_repetitions_are_skipped() {
-        let mut pace = Pace::new(Duration::from_millis(10));
+        let mut pace = Pace::new(Rate::MOVES);
         let missed = [3, 12, 13, 47, 52, 53].map(|millis| pace.begin(Instant::from_millis(millis)));
         assert_eq!(missed, [Some(0), None, Some(0), Some(2), None, Some(0)]);
         assert_eq!(pace.next(), Instant::from_millis(63));

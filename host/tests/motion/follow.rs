@@ -2,8 +2,8 @@
 
 use armwire::ling::{JOINTS, JointState, MotionStatus, Opening, Request, Torque};
 use armwire::time::{Duration, Instant};
-use armwire_host::Limits;
 use armwire_host::follow::{End, Follow, Output, Pause, Progress, Start};
+use armwire_host::{Limits, Rate};
 use armwire_sim::faults::Rates;
 use armwire_sim::ling::Config;
 
@@ -30,7 +30,7 @@ impl Pair {
         Self {
             leader: Arm::new(Config::leader(), rates, 3),
             follower: Arm::new(Config::follower(), rates, 4),
-            follow: Follow::new(Limits::FOLLOW, start, PERIOD),
+            follow: Follow::new(Limits::FOLLOW, start, Rate::MOVES),
             now: Instant::ZERO,
             is_plugged: true,
             goal: None,
@@ -295,7 +295,7 @@ fn unanswered_start_sends_nothing() {
 #[test]
 fn pose_out_of_range_counts_as_missing() {
     for is_leader in [true, false] {
-        let mut follow = Follow::new(Limits::FOLLOW, Start::Approach, PERIOD);
+        let mut follow = Follow::new(Limits::FOLLOW, Start::Approach, Rate::MOVES);
         let good = JointState {
             joints: [2_048; JOINTS],
             gripper: 0,

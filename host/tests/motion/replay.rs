@@ -2,13 +2,13 @@
 
 use std::sync::OnceLock;
 
-use armwire::ling::{GripperSpeed, JOINTS, JointState, MotionStatus, Opening, Request, Torque};
+use armwire::ling::{GripperSpeed, JOINTS, JointState, MotionStatus, Opening, Position, Request, Speed, Torque};
 use armwire::time::{Duration, Instant};
-use armwire_host::Limits;
 use armwire_host::engine::Fault;
-use armwire_host::replay::{Motion, Output, Point, Progress, Range, Replay};
+use armwire_host::replay::{Failure, Motion, Output, Point, Progress, Range, Refusal, Replay};
+use armwire_host::{Limits, Off, Rate};
 use armwire_sim::faults::Rates;
-use armwire_sim::ling::Config;
+use armwire_sim::ling::{Config, Plant};
 
 use crate::world::{Arm, NOISY, STEP, by_hand, push};
 
@@ -58,10 +58,19 @@ struct Run {
 
 impl Run {
     fn new(range: Range, limits: Limits, rates: Rates) -> Self {
-        let motion = Motion::new(recorded(), &range, limits).unwrap();
+        let motion = Motion::new(recorded(), &range, limits, Rate::MOVES).unwrap();
+        Self::of(motion, Plant::IDEAL, rates)
+    }
+
+    /// A replay by an arm with this plant.
+    fn of(motion: Motion, plant: Plant, rates: Rates) -> Self {
+        let config = Config {
+            plant,
+            ..Config::follower()
+        };
         Self {
-            arm: Arm::new(Config::follower(), rates, 2),
-            replay: Replay::new(motion, PERIOD, false),
+            arm: Arm::new(config, rates, 2),
+            replay: Replay::new(motion, false),
             now: Instant::ZERO,
             goal: None,
             gripper_speed: None,
@@ -69,7 +78,7 @@ impl Run {
     }
 
     /// Runs for one step. Returns false after the end.
-    fn step(&mut self) -> Result<bool, Fault> {
+    fn step(&mut self) -> Result<bool, Failure> {
         for reading in self.arm.readings(self.now) {
             self.replay.on_reading(self.now, &reading);
         }
@@ -88,6 +97,146 @@ impl Run {
         self.now += STEP;
         Ok(true)
     }
+
+    /// Runs until the end. Returns the arm's pose there.
+    fn end(&mut self) -> Result<[u16; JOINTS], Failure> {
+        while self.step()? {}
+        Ok(self.arm.at(self.now).joints())
+    }
+}
+
+/// A motion of the joints by 149°/s to +150°, in 1 s.
+fn fast() -> Vec<Point> {
+    let ticks = |n: u16| Position::new(2_048 + 17 * n).unwrap();
+    let point = |n: u16| Point {
+        at: Instant::from_millis(10 * u64::from(n)),
+        joints: [ticks(n); JOINTS],
+        gripper: None,
+    };
+    (0..=100).map(point).collect()
+}
+
+/// The motion at this rate.
+fn fast_at(hertz: u16) -> Result<Motion, Refusal> {
+    let rate = Rate::new(hertz).unwrap();
+    Motion::new(&fast(), &Range::default(), Limits::REPLAY, rate)
+}
+
+#[test]
+fn slow_steps_are_refused_with_the_rate_that_does() {
+    let refused = fast_at(10).unwrap_err();
+    let Refusal::Rate {
+        joint: 1,
+        needed: Some(rate),
+        ..
+    } = refused
+    else {
+        panic!("{refused:?}")
+    };
+    assert!(fast_at(rate.hertz() - 1).is_err());
+    let mut run = Run::of(fast_at(rate.hertz()).unwrap(), Plant::TYPICAL, Rates::NONE);
+    assert_near(run.end().unwrap(), 3_748);
+    let text = "joint 1 moves by 7.5° within 50 ms at 0.00 s, and steps of 4.9° at 10 Hz are slower: 30 Hz would do";
+    assert_eq!(refused.to_string(), text);
+}
+
+/// Asserts that the joints are within 0.1 rad of this position.
+fn assert_near(joints: [u16; JOINTS], ticks: u16) {
+    assert!(joints.iter().all(|joint| joint.abs_diff(ticks) <= 65), "{joints:?}");
+}
+
+#[test]
+fn replay_ends_at_rest_at_the_last_pose() {
+    for plant in [
+        "ideal",
+        "typical",
+        "typical,lag=50ms",
+        "typical,sag=60,noise=0",
+        "lag=40ms,overshoot=20%",
+    ] {
+        let mut run = Run::of(fast_at(100).unwrap(), plant.parse().unwrap(), Rates::NONE);
+        let end = run.end().unwrap_or_else(|failure| panic!("{plant}: {failure}"));
+        assert_near(end, 3_748);
+        let later = run.arm.at(run.now + Duration::from_millis(10_000)).joints();
+        assert!(
+            end.iter().zip(later).all(|(end, later)| end.abs_diff(later) <= 3),
+            "{plant}: {end:?} {later:?}"
+        );
+    }
+}
+
+#[test]
+fn arm_that_stays_away_from_the_last_pose_is_an_error() {
+    // The last pose is at 149.4°.
+    let mut run = Run::of(
+        fast_at(100).unwrap(),
+        "typical,obstacle=3:141deg".parse().unwrap(),
+        Rates::NONE,
+    );
+    let failure = run.end().unwrap_err();
+    assert!(matches!(failure, Failure::Away(Off { axis: 2, .. })), "{failure:?}");
+    let text = failure.to_string();
+    assert!(
+        text.starts_with("joint 3 is at rest 8.") && text.contains("° away from the last pose"),
+        "{text}"
+    );
+    assert_eq!(run.replay.poll(run.now), Err(failure));
+}
+
+#[test]
+fn swinging_arm_is_no_end() {
+    let mut run = Run::of(fast_at(100).unwrap(), "noise=5".parse().unwrap(), Rates::NONE);
+    let failure = run.end().unwrap_err();
+    assert!(matches!(failure, Failure::Moving(_)), "{failure:?}");
+}
+
+#[test]
+fn speeds_without_a_time_are_refused() {
+    for speed in [f64::INFINITY, f64::NAN, 0.0, -1.0, 1e9, 1e-300] {
+        let range = Range {
+            speed,
+            ..Range::default()
+        };
+        let refused = Motion::new(recorded(), &range, Limits::REPLAY, Rate::MOVES).unwrap_err();
+        let Refusal::Speed(got) = refused else {
+            panic!("{refused:?}")
+        };
+        assert!(got == speed || got.is_nan() && speed.is_nan(), "{got}");
+    }
+}
+
+#[test]
+fn limits_without_a_motion_are_refused() {
+    let stopped = Limits {
+        speeds: [Speed::new(0).unwrap(); JOINTS],
+        ..Limits::REPLAY
+    };
+    let without_step = Limits {
+        step: 0,
+        ..Limits::REPLAY
+    };
+    for (limits, text) in [
+        (
+            stopped,
+            "joint speed (an arm may take less than 50 ticks/s for 0) is 0 ticks/s, must be 50..=5000",
+        ),
+        (without_step, "distance between two goals is 0 ticks, must be 1..=65535"),
+    ] {
+        let refused = Motion::new(recorded(), &Range::default(), limits, Rate::MOVES).unwrap_err();
+        assert_eq!(refused.to_string(), text);
+    }
+}
+
+#[test]
+fn unsorted_poses_are_refused() {
+    let mut points = fast();
+    points.swap(41, 42);
+    let refused = Motion::new(&points, &Range::default(), Limits::REPLAY, Rate::MOVES).unwrap_err();
+    assert_eq!(refused, Refusal::Order { pose: 43, poses: 101 });
+    assert_eq!(
+        refused.to_string(),
+        "the time of pose 43 of 101 is not after that of pose 42"
+    );
 }
 
 #[test]
@@ -131,6 +280,33 @@ fn replay_reproduces_a_recording_within_one_degree() {
         let later = run.now + Duration::from_millis(10_000);
         assert_eq!(run.arm.at(later).joints(), end);
     }
+}
+
+#[test]
+fn arm_with_weight_replays_a_recording_late_by_its_lag() {
+    let motion = Motion::new(recorded(), &Range::default(), Limits::REPLAY, Rate::MOVES).unwrap();
+    let mut run = Run::of(motion, Plant::TYPICAL, NOISY);
+    let (mut most, mut compared) = (0.0_f64, 0);
+    while run.step().unwrap() {
+        let Progress::Playing(at) = run.replay.progress(run.now) else {
+            continue;
+        };
+        // A lag of 40 ms, and the delay of the readings.
+        let late = at.as_micros().saturating_sub(40_000 - 1_000);
+        // The motion begins at once, and the last readings may be lost.
+        if !(200_000..19_900_000).contains(&late) {
+            continue;
+        }
+        let path = by_hand(Duration::from_micros(late));
+        for (joint, ticks) in run.arm.at(run.now).joints().into_iter().enumerate() {
+            most = most.max((f64::from(ticks) - path[joint]).abs());
+        }
+        compared += 1;
+    }
+    assert!(
+        most <= 2.0 * DEGREE && compared > 19_000,
+        "{most} ticks, {compared} steps"
+    );
 }
 
 #[test]
@@ -184,7 +360,7 @@ fn arm_without_torque_is_sent_no_move() {
             break failure;
         }
     };
-    assert!(matches!(failure, Fault::TorqueOff(_)), "{failure:?}");
+    assert!(matches!(failure, Failure::Fault(Fault::TorqueOff(_))), "{failure:?}");
     assert_eq!(run.goal, None);
     assert_eq!(run.replay.poll(run.now), Err(failure));
 }
@@ -201,7 +377,7 @@ fn silent_arm_ends_a_replay() {
             break failure;
         }
     };
-    assert!(matches!(failure, Fault::Silent(_)), "{failure:?}");
+    assert!(matches!(failure, Failure::Fault(Fault::Silent(_))), "{failure:?}");
     assert!(run.now < Instant::from_millis(2_300), "{:?}", run.now);
 }
 
@@ -224,7 +400,10 @@ fn arm_that_is_held_back_ends_a_replay() {
             break failure;
         }
     };
-    assert!(matches!(failure, Fault::TrackingError(_)), "{failure:?}");
+    assert!(
+        matches!(failure, Failure::Fault(Fault::TrackingError(_))),
+        "{failure:?}"
+    );
     assert!(run.now < Instant::from_millis(6_000), "{:?}", run.now);
 }
 
@@ -234,9 +413,9 @@ fn endless_replay_goes_back_to_its_start() {
         to: Some(Duration::from_millis(1_000)),
         ..Range::default()
     };
-    let motion = Motion::new(recorded(), &range, Limits::REPLAY).unwrap();
+    let motion = Motion::new(recorded(), &range, Limits::REPLAY, Rate::MOVES).unwrap();
     let mut run = Run::new(Range::default(), Limits::REPLAY, Rates::NONE);
-    run.replay = Replay::new(motion, PERIOD, true);
+    run.replay = Replay::new(motion, true);
     let (mut starts, mut was_playing) = (0, false);
     while starts < 3 {
         assert!(run.step().unwrap());

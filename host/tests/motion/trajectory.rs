@@ -4,7 +4,7 @@ use armwire::ling::{JOINTS, Request};
 use armwire::time::{Duration, Instant};
 use armwire_host::engine::{Engine, Output};
 use armwire_host::trajectory::{End, Knot, Tolerances, Trajectory};
-use armwire_host::{AXES, SilenceLimit};
+use armwire_host::{AXES, Rate, SilenceLimit};
 use armwire_sim::faults::Rates;
 use armwire_sim::ling::Config;
 
@@ -29,7 +29,7 @@ fn gripper_opens_in_the_time_of_its_trajectory() {
         goal_time: Duration::from_millis(100),
     };
     let mut trajectory = Trajectory::new(closed, vec![knot], Some(tolerances), Instant::ZERO);
-    let mut engine = Engine::new(PERIOD, SilenceLimit::FAIL.at(PERIOD), [None; AXES]);
+    let mut engine = Engine::new(Rate::MOVES, SilenceLimit::FAIL.at(PERIOD), [None; AXES]);
     let mut now = Instant::ZERO;
     let end = loop {
         if let Some(end) = readings_end(&mut arm, &mut engine, &trajectory, now) {

@@ -3,6 +3,8 @@
 //! A [`Motion`] is a recording that an arm can follow, checked before anything moves. A [`Replay`] makes the moves. It
 //! does no I/O and reads no clock.
 
+mod arrival;
+mod failure;
 mod motion;
 mod tracking;
 
@@ -13,11 +15,13 @@ use crate::motion::axes::{AXES, degrees, farthest, joints};
 use crate::motion::engine::{self, Engine, Fault, Next, Seen, Source};
 use crate::motion::goal::{Target, TrackingLimit, Way};
 use crate::time::silence::SilenceLimit;
+use arrival::Arrival;
 
+pub use failure::Failure;
 pub use motion::{Motion, Point, Range, Refusal};
 pub use tracking::Tracking;
 
-/// The time at the first pose before the motion, and at the last one behind it.
+/// The time at the first pose before the motion.
 const PAUSE: Duration = Duration::from_millis(500);
 
 /// The next action for the caller of a [`Replay`].
@@ -27,7 +31,7 @@ pub enum Output {
     Move(Move),
     /// Wait until this time.
     Wait(Instant),
-    /// The motion was made. The arm is at rest at its end. Later polls return it again.
+    /// The motion was made, and the arm is at rest at the last pose: within 5.7° (0.1 rad). Later polls return it again.
     Done,
 }
 
@@ -40,28 +44,32 @@ pub enum Progress {
     Approaching(f64),
     /// It is at this time of the motion.
     Playing(Duration),
-    /// The motion was made.
+    /// The motion was made, and the arm comes to rest. The farthest joint is at this distance from the last pose, in
+    /// degrees.
+    Arriving(f64),
+    /// The replay ended.
     Done,
 }
 
-/// A replay of a motion: it goes to the first pose at 20°/s, and then makes the motion in time.
+/// A replay of a motion: it goes to the first pose at 20°/s, makes the motion in time, and ends once the arm is at rest at
+/// the last pose.
 ///
 /// [`poll`](Self::poll) returns moves, a period apart. Each goes to the pose at the time of the next one. The arm's
 /// readings go in by [`on_reading`](Self::on_reading), as they come: the first one before any move.
 ///
 /// ```
 /// use armwire::ling::{JointState, MotionStatus, Position};
-/// use armwire::time::{Duration, Instant};
-/// use armwire_host::Limits;
+/// use armwire::time::Instant;
 /// use armwire_host::replay::{Motion, Output, Point, Range, Replay};
+/// use armwire_host::{Limits, Rate};
 ///
 /// let points = [0, 1_000].map(|millis| Point {
 ///     at: Instant::from_millis(millis),
 ///     joints: [Position::CENTRE; 6],
 ///     gripper: None,
 /// });
-/// let motion = Motion::new(&points, &Range::default(), Limits::REPLAY)?;
-/// let mut replay = Replay::new(motion, Duration::from_millis(10), false);
+/// let motion = Motion::new(&points, &Range::default(), Limits::REPLAY, Rate::MOVES)?;
+/// let mut replay = Replay::new(motion, false);
 /// let mut now = Instant::ZERO;
 /// loop {
 ///     // Read the arm here.
@@ -80,7 +88,7 @@ pub enum Progress {
 pub struct Replay {
     engine: Engine,
     script: Script,
-    failure: Option<Fault>,
+    failure: Option<Failure>,
 }
 
 /// The source of a replay's targets.
@@ -99,16 +107,17 @@ enum Phase {
     Pause(Instant),
     /// The motion began at this time.
     Play(Instant),
-    /// The arm is at the last pose, until this time.
-    Rest(Instant),
+    /// The last pose is the goal.
+    Arrive(Arrival),
     Done,
 }
 
 impl Replay {
-    /// A replay with a move per `period`, which begins again after its end if it `is_endless`.
-    pub fn new(motion: Motion, period: Duration, is_endless: bool) -> Self {
+    /// A replay, which begins again after its end if it `is_endless`.
+    pub fn new(motion: Motion, is_endless: bool) -> Self {
+        let rate = motion.rate();
         Self {
-            engine: Engine::new(period, SilenceLimit::FAIL.at(period), [None; AXES]),
+            engine: Engine::new(rate, SilenceLimit::FAIL.at(rate.micros()), [None; AXES]),
             script: Script {
                 motion,
                 is_endless,
@@ -128,14 +137,19 @@ impl Replay {
             let pose = self.script.motion.joints(at.since(start));
             self.script.tracking.add(&pose, reading);
         }
+        if let Phase::Arrive(arrival) = &mut self.script.phase {
+            arrival.on_joints(at, &reading.joints);
+            let pose = self.script.motion.joints(self.script.motion.length());
+            self.script.tracking.end(&pose, reading);
+        }
     }
 
     /// The next action.
     ///
     /// # Errors
     ///
-    /// [`Fault`], and no move comes any more. The arm is to be stopped, except without torque.
-    pub fn poll(&mut self, now: Instant) -> Result<Output, Fault> {
+    /// [`Failure`], and no move comes any more. The arm is to be stopped, except without torque.
+    pub fn poll(&mut self, now: Instant) -> Result<Output, Failure> {
         if let Some(failure) = self.failure {
             return Err(failure);
         }
@@ -146,7 +160,7 @@ impl Replay {
             engine::Output::Move(next) => Ok(Output::Move(next)),
             engine::Output::Wait(until) => Ok(Output::Wait(until)),
             engine::Output::End(Ok(())) => Ok(Output::Done),
-            engine::Output::End(Err(fault)) => Err(*self.failure.insert(fault)),
+            engine::Output::End(Err(failure)) => Err(*self.failure.insert(failure)),
         }
     }
 
@@ -161,7 +175,10 @@ impl Replay {
                 Progress::Approaching(degrees(distance))
             }
             (_, Phase::Play(start)) => Progress::Playing(now.since(start).min(motion.length())),
-            (_, Phase::Rest(_)) => Progress::Playing(motion.length()),
+            (Some(arm), Phase::Arrive(_)) => {
+                let (_, distance) = farthest(&arm.pose, &motion.joints(motion.length()));
+                Progress::Arriving(degrees(distance))
+            }
             (_, Phase::Done) => Progress::Done,
         }
     }
@@ -173,17 +190,22 @@ impl Replay {
 }
 
 impl Source for Script {
-    type End = Result<(), Fault>;
+    type End = Result<(), Failure>;
 
     fn next(&mut self, now: Instant, period: Duration, arm: &Seen) -> Next<Self::End> {
         self.phase = self.next_phase(now, arm);
+        if let Phase::Arrive(arrival) = self.phase
+            && let Some(end) = arrival.end(now)
+        {
+            self.phase = Phase::Done;
+            return Next::End(end);
+        }
         let limits = *self.motion.limits();
         let (at, limits) = match self.phase {
             // The pose at the time of the next move.
             Phase::Play(start) => ((now + period).since(start), limits),
-            Phase::Rest(_) => (self.motion.length(), limits),
+            Phase::Arrive(_) | Phase::Done => (self.motion.length(), limits),
             Phase::Approach | Phase::Pause(_) => (Duration::ZERO, limits.of_approach()),
-            Phase::Done => return Next::End(Ok(())),
         };
         Next::Go(Target {
             joints: self.motion.joints(at),
@@ -194,21 +216,22 @@ impl Source for Script {
     }
 
     fn on_fault(&mut self, _: Instant, fault: Fault) -> Option<Self::End> {
-        Some(Err(fault))
+        Some(Err(Failure::Fault(fault)))
     }
 }
 
 impl Script {
     fn next_phase(&self, now: Instant, arm: &Seen) -> Phase {
-        let length = self.motion.length();
+        let (length, goal) = (self.motion.length(), joints(&arm.goal));
         match self.phase {
-            Phase::Approach if joints(&arm.goal) == self.motion.joints(Duration::ZERO) => Phase::Pause(now + PAUSE),
+            Phase::Approach if goal == self.motion.joints(Duration::ZERO) => Phase::Pause(now + PAUSE),
             Phase::Pause(until) if until <= now => Phase::Play(now),
-            Phase::Play(start) if start + length <= now => match self.is_endless {
-                true => Phase::Approach,
-                false => Phase::Rest(now + PAUSE),
-            },
-            Phase::Rest(until) if until <= now => Phase::Done,
+            Phase::Play(start) if start + length <= now && goal == self.motion.joints(length) => {
+                match self.is_endless {
+                    true => Phase::Approach,
+                    false => Phase::Arrive(Arrival::new(goal, now)),
+                }
+            }
             phase => phase,
         }
     }

@@ -3,21 +3,21 @@
 use std::error;
 use std::fmt;
 
+use armwire::OutOfRange;
 use armwire::ling::{JOINTS, Opening, Position, Speed};
 use armwire::time::{Duration, Instant};
 
 use crate::motion::axes::{Ticks, between, degrees, farthest, part, seconds, ticks};
 use crate::motion::goal::Limits;
+use crate::time::rate::Rate;
 
 /// The longest time between two points in which a joint may move by more than a step.
 const GAP: Duration = Duration::from_millis(500);
-/// The span in which the speed of a motion is judged: the times of single points jitter.
-const SPAN: Duration = Duration::from_millis(100);
 
 /// A pose of a recording.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Point {
-    /// Its time on any clock. The first point of a motion is its start.
+    /// Its time on any clock, after that of the point before. The first point of a motion is its start.
     pub at: Instant,
     /// The joints.
     pub joints: [Position; JOINTS],
@@ -32,7 +32,7 @@ pub struct Range {
     pub from: Duration,
     /// Time since the first point of the recording; `None` for its end.
     pub to: Option<Duration>,
-    /// Factor of its speed, over 0.
+    /// Factor of its speed: finite, over 0, and with 1 µs between two poses at least.
     pub speed: f64,
 }
 
@@ -53,8 +53,17 @@ impl Default for Range {
 pub enum Refusal {
     /// The recording, or the part of it, has no pose.
     Empty,
-    /// The factor of the speed is not over 0.
+    /// The time of a pose, from 1, is not after that of the one before.
+    Order {
+        /// The pose.
+        pose: usize,
+        /// The number of poses.
+        poses: usize,
+    },
+    /// The factor of the speed is not over 0, not finite, or leaves less than 1 µs between two poses.
     Speed(f64),
+    /// No joint moves within the limits.
+    Limits(OutOfRange),
     /// A joint is faster than the limit.
     Jump {
         /// The time of the pose before.
@@ -67,6 +76,23 @@ pub enum Refusal {
         within: Duration,
         /// The limit.
         max: Speed,
+    },
+    /// A joint is faster than the steps of goals at this rate.
+    Rate {
+        /// The time of the pose before.
+        at: Duration,
+        /// The joint, from 1.
+        joint: u8,
+        /// The distance in degrees…
+        degrees: f64,
+        /// …and the time for it, as it would be replayed.
+        within: Duration,
+        /// The rate.
+        rate: Rate,
+        /// The maximum distance between two goals, in degrees.
+        step: f64,
+        /// The least rate that would do, if one does.
+        needed: Option<Rate>,
     },
     /// A joint moved while nothing was recorded.
     Gap {
@@ -85,7 +111,16 @@ impl fmt::Display for Refusal {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match *self {
             Self::Empty => f.write_str("there is no pose in this part of it"),
-            Self::Speed(factor) => write!(f, "the factor of the speed is {factor}, must be over 0"),
+            Self::Order { pose, poses } => write!(
+                f,
+                "the time of pose {pose} of {poses} is not after that of pose {}",
+                pose - 1
+            ),
+            Self::Speed(factor) => write!(
+                f,
+                "the factor of the speed is {factor}, must be over 0, finite, and leave 1 µs between two poses"
+            ),
+            Self::Limits(error) => error.fmt(f),
             Self::Jump {
                 at,
                 joint,
@@ -99,6 +134,26 @@ impl fmt::Display for Refusal {
                     f,
                     "joint {joint} jumps by {degrees:.1}° within {within:.0} ms at {at:.2} s: the limit is {max:.0}°/s"
                 )
+            }
+            Self::Rate {
+                at,
+                joint,
+                degrees,
+                within,
+                rate,
+                step,
+                needed,
+            } => {
+                let (at, within, hertz) = (seconds(at), within.as_micros() as f64 / 1e3, rate.hertz());
+                write!(
+                    f,
+                    "joint {joint} moves by {degrees:.1}° within {within:.0} ms at {at:.2} s, and steps of {step:.1}° at \
+                     {hertz} Hz are slower: "
+                )?;
+                match needed {
+                    Some(needed) => write!(f, "{} Hz would do", needed.hertz()),
+                    None => write!(f, "no rate up to {} Hz would do", Rate::MAX),
+                }
             }
             Self::Gap {
                 at,
@@ -123,8 +178,8 @@ impl error::Error for Refusal {}
 /// ```
 /// use armwire::ling::{Opening, Position};
 /// use armwire::time::Instant;
-/// use armwire_host::Limits;
 /// use armwire_host::replay::{Motion, Point, Range};
+/// use armwire_host::{Limits, Rate};
 ///
 /// let point = |millis, ticks| Point {
 ///     at: Instant::from_millis(millis),
@@ -132,8 +187,8 @@ impl error::Error for Refusal {}
 ///     gripper: None,
 /// };
 /// let slow = [point(0, 2048), point(100, 2148), point(200, 2248)];
-/// assert!(Motion::new(&slow, &Range::default(), Limits::REPLAY).is_ok());
-/// let jump = Motion::new(&[point(0, 2048), point(100, 3072)], &Range::default(), Limits::REPLAY);
+/// assert!(Motion::new(&slow, &Range::default(), Limits::REPLAY, Rate::MOVES).is_ok());
+/// let jump = Motion::new(&[point(0, 2048), point(100, 3072)], &Range::default(), Limits::REPLAY, Rate::MOVES);
 /// let text = "joint 1 jumps by 90.0° within 100 ms at 0.00 s: the limit is 180°/s";
 /// assert_eq!(jump.unwrap_err().to_string(), text);
 /// ```
@@ -142,6 +197,7 @@ pub struct Motion {
     /// The points, whose times grow. Never empty.
     knots: Vec<Knot>,
     limits: Limits,
+    rate: Rate,
 }
 
 /// A point at its time since the start, as it is replayed.
@@ -154,43 +210,41 @@ struct Knot {
 }
 
 impl Motion {
-    /// The part of a recording. Points that are no later than the one before are left out.
+    /// The part of a recording, for an arm that gets moves at this rate.
     ///
     /// # Errors
     ///
-    /// [`Refusal`] if a joint is faster than the limit, or moved by more than a step while nothing was recorded for
-    /// 0.5 s. A speed may exceed the limit by one step in 0.1 s: the times of recordings jitter.
-    pub fn new(points: &[Point], range: &Range, limits: Limits) -> Result<Self, Refusal> {
-        if range.speed.is_nan() || range.speed <= 0.0 {
-            return Err(Refusal::Speed(range.speed));
-        }
+    /// [`Refusal`] if goals within the limits, at this rate, would be more than a step behind; a step is for the jitter of
+    /// recorded times. And if a joint moved by more than a step while nothing was recorded for 0.5 s.
+    pub fn new(points: &[Point], range: &Range, limits: Limits, rate: Rate) -> Result<Self, Refusal> {
+        limits.check().map_err(Refusal::Limits)?;
         let Some(first) = points.first() else {
             return Err(Refusal::Empty);
         };
-        let mut part: Vec<(Duration, &Point)> = Vec::new();
-        for point in points {
-            let at = point.at.since(first.at);
-            let is_in = range.from <= at && range.to.is_none_or(|to| at <= to);
-            if is_in && part.last().is_none_or(|(before, _)| *before < at) {
-                part.push((at, point));
-            }
+        if let Some(nth) = points.windows(2).position(|pair| pair[1].at <= pair[0].at) {
+            let (pose, poses) = (nth + 2, points.len());
+            return Err(Refusal::Order { pose, poses });
         }
+        let times = points.iter().map(|point| (point.at.since(first.at), point));
+        let is_in = |at: Duration| range.from <= at && range.to.is_none_or(|to| at <= to);
+        let part: Vec<_> = times.filter(|(at, _)| is_in(*at)).collect();
         let Some(&(start, _)) = part.first() else {
             return Err(Refusal::Empty);
         };
         let mut gripper = None;
-        let knots = part.iter().map(|(at, point)| {
+        let mut knots = Vec::new();
+        for (at, point) in &part {
             gripper = point.gripper.or(gripper);
-            Knot {
-                at: scaled(span(start, *at), range.speed),
+            knots.push(Knot {
+                at: scaled(span(start, *at), range.speed).ok_or(Refusal::Speed(range.speed))?,
                 ticks: ticks(point.joints),
                 gripper,
-            }
-        });
-        let motion = Self {
-            knots: knots.collect(),
-            limits,
-        };
+            });
+        }
+        if knots.windows(2).any(|pair| pair[1].at <= pair[0].at) {
+            return Err(Refusal::Speed(range.speed));
+        }
+        let motion = Self { knots, limits, rate };
         motion.check(&part)?;
         Ok(motion)
     }
@@ -209,6 +263,10 @@ impl Motion {
         &self.limits
     }
 
+    pub(super) fn rate(&self) -> Rate {
+        self.rate
+    }
+
     /// The joints at a time since the start, between two points on the line between them. Before the start and after the
     /// end, the first and the last pose.
     pub(super) fn joints(&self, at: Duration) -> Ticks {
@@ -224,52 +282,88 @@ impl Motion {
         self.knots[next.saturating_sub(1)].gripper
     }
 
-    /// Checks speeds and gaps. The points are those of the knots, with their times in the recording.
+    /// Checks gaps and speeds. The points are those of the knots, with their times in the recording.
     fn check(&self, part: &[(Duration, &Point)]) -> Result<(), Refusal> {
         let step: f64 = self.limits.step.into();
-        let mut later = 0;
-        for (nth, knot) in self.knots.iter().enumerate() {
-            let at = part[nth].0;
-            if let Some(next) = self.knots.get(nth + 1) {
-                let length = span(at, part[nth + 1].0);
-                let (joint, distance) = farthest(&knot.ticks, &next.ticks);
-                if length >= GAP && distance > step {
-                    return Err(Refusal::Gap {
-                        at,
-                        length,
-                        joint: joint as u8 + 1,
-                        degrees: degrees(distance),
-                    });
-                }
-            }
-            while self.knots.get(later).is_some_and(|end| end.at < knot.at + SPAN) {
-                later += 1;
-            }
-            // The next point, and the first one behind the span.
-            for end in [nth + 1, later] {
-                let Some(end) = self.knots.get(end) else { continue };
-                let within = span(knot.at, end.at);
-                let max = self.limits.speeds.map(|speed| f64::from(speed.ticks_per_second()));
-                let jump = (0..JOINTS).map(|joint| {
-                    let distance = (end.ticks[joint] - knot.ticks[joint]).abs();
-                    (joint, distance, distance - max[joint] * seconds(within) - step)
+        for (pair, points) in self.knots.windows(2).zip(part.windows(2)) {
+            let (at, length) = (points[0].0, span(points[0].0, points[1].0));
+            let (joint, distance) = farthest(&pair[0].ticks, &pair[1].ticks);
+            if length >= GAP && distance > step {
+                return Err(Refusal::Gap {
+                    at,
+                    length,
+                    joint: joint as u8 + 1,
+                    degrees: degrees(distance),
                 });
-                let farther =
-                    |most: (usize, f64, f64), next: (usize, f64, f64)| if next.2 > most.2 { next } else { most };
-                let (joint, distance, excess) = jump.fold((0, 0.0, 0.0), farther);
-                if excess > 0.0 {
-                    return Err(Refusal::Jump {
-                        at,
-                        joint: joint as u8 + 1,
-                        degrees: degrees(distance),
-                        within,
-                        max: self.limits.speeds[joint],
+            }
+        }
+        let max = self.limits.speeds.map(|speed| f64::from(speed.ticks_per_second()));
+        if let Some(burst) = self.burst(&max) {
+            return Err(Refusal::Jump {
+                at: part[burst.first].0,
+                joint: burst.joint as u8 + 1,
+                degrees: degrees(burst.distance),
+                within: burst.within,
+                max: self.limits.speeds[burst.joint],
+            });
+        }
+        let at_rate = |rate: Rate| max.map(|max| max.min(step * f64::from(rate.hertz())));
+        let Some(burst) = self.burst(&at_rate(self.rate)) else {
+            return Ok(());
+        };
+        let mut faster = (self.rate.hertz() + 1..=Rate::MAX).filter_map(|hertz| Rate::new(hertz).ok());
+        Err(Refusal::Rate {
+            at: part[burst.first].0,
+            joint: burst.joint as u8 + 1,
+            degrees: degrees(burst.distance),
+            within: burst.within,
+            rate: self.rate,
+            step: degrees(step),
+            needed: faster.find(|rate| self.burst(&at_rate(*rate)).is_none()),
+        })
+    }
+
+    /// The first motion of a joint that goals of at most this speed, in ticks per second, would follow by more than a step
+    /// behind.
+    fn burst(&self, max: &Ticks) -> Option<Burst> {
+        let step: f64 = self.limits.step.into();
+        let start = self.knots.first()?;
+        // The goals that follow, and the last knot at which each was not behind.
+        let (mut goals, mut since) = (start.ticks, [0; JOINTS]);
+        for (nth, pair) in self.knots.windows(2).enumerate() {
+            let passed = seconds(span(pair[0].at, pair[1].at));
+            for joint in 0..JOINTS {
+                let target = pair[1].ticks[joint];
+                let (way, most) = (target - goals[joint], max[joint] * passed);
+                if way.abs() <= most {
+                    (goals[joint], since[joint]) = (target, nth + 1);
+                    continue;
+                }
+                goals[joint] += most.copysign(way);
+                if way.abs() - most > step {
+                    let first = &self.knots[since[joint]];
+                    return Some(Burst {
+                        first: since[joint],
+                        joint,
+                        distance: (target - first.ticks[joint]).abs(),
+                        within: span(first.at, pair[1].at),
                     });
                 }
             }
         }
-        Ok(())
+        None
     }
+}
+
+/// A motion that is too fast.
+struct Burst {
+    /// The knot before it.
+    first: usize,
+    /// The joint, from 0.
+    joint: usize,
+    /// The distance, in ticks, and the time for it.
+    distance: f64,
+    within: Duration,
 }
 
 /// The time between two times since the start.
@@ -277,9 +371,11 @@ fn span(from: Duration, to: Duration) -> Duration {
     Duration::from_micros(to.as_micros().saturating_sub(from.as_micros()))
 }
 
-/// A time at a factor of the speed.
-fn scaled(at: Duration, speed: f64) -> Duration {
-    Duration::from_micros((at.as_micros() as f64 / speed).round() as u64)
+/// A time at a factor of the speed; `None` if there is none on the clock.
+fn scaled(at: Duration, speed: f64) -> Option<Duration> {
+    let micros = (at.as_micros() as f64 / speed).round();
+    let is_on_clock = speed.is_finite() && speed > 0.0 && micros < u64::MAX as f64;
+    is_on_clock.then(|| Duration::from_micros(micros as u64))
 }
 
 #[cfg(test)]
@@ -296,7 +392,7 @@ mod tests {
     }
 
     fn motion(points: &[Point], range: Range) -> Result<Motion, Refusal> {
-        Motion::new(points, &range, Limits::REPLAY)
+        Motion::new(points, &range, Limits::REPLAY, Rate::MOVES)
     }
 
     #[test]
@@ -344,6 +440,14 @@ mod tests {
         };
         let refused = motion(&points, fast);
         assert!(matches!(refused, Err(Refusal::Jump { joint: 1, .. })), "{refused:?}");
+    }
+
+    #[test]
+    fn slow_excess_of_the_limit_is_refused() {
+        // 2200 ticks/s, where 2048 are allowed: 56 ticks behind after 0.37 s.
+        let points: Vec<_> = (0..=40).map(|n| point(n * 10, 1_000 + 22 * n as u16, None)).collect();
+        let text = "joint 1 jumps by 71.5° within 370 ms at 0.00 s: the limit is 180°/s";
+        assert_eq!(motion(&points, Range::default()).unwrap_err().to_string(), text);
     }
 
     #[test]

@@ -12,6 +12,8 @@ pub struct Tracking {
     max: Ticks,
     /// The sums of the squares, in ticks².
     squares: Ticks,
+    /// The distances from the last pose in the last reading, in ticks.
+    end: Option<Ticks>,
 }
 
 impl Tracking {
@@ -31,15 +33,29 @@ impl Tracking {
         self.squares.map(|squares| degrees((squares / readings).sqrt()))
     }
 
+    /// The distance of each joint from the last pose, in degrees; `None` until that was sent and a reading came.
+    pub fn end_degrees(&self) -> Option<[f64; JOINTS]> {
+        self.end.map(|end| end.map(degrees))
+    }
+
+    /// Takes a reading, at the last pose.
+    pub(super) fn end(&mut self, pose: &Ticks, reading: &JointState) {
+        self.end = Some(distances(pose, reading));
+    }
+
     /// Adds a reading, at the time of this pose.
     pub(super) fn add(&mut self, pose: &Ticks, reading: &JointState) {
         self.readings += 1;
-        for (joint, ticks) in reading.joints.into_iter().enumerate() {
-            let distance = (f64::from(ticks) - pose[joint]).abs();
+        for (joint, distance) in distances(pose, reading).into_iter().enumerate() {
             self.max[joint] = self.max[joint].max(distance);
             self.squares[joint] += distance * distance;
         }
     }
+}
+
+/// The distance of each joint from a pose, in ticks.
+fn distances(pose: &Ticks, reading: &JointState) -> Ticks {
+    std::array::from_fn(|joint| (f64::from(reading.joints[joint]) - pose[joint]).abs())
 }
 
 #[cfg(test)]

@@ -1,17 +1,19 @@
-//! The rate of readings.
+//! The rate of readings, or of moves.
 
 use std::time::Duration;
 
-use armwire::OutOfRange;
+use armwire::{OutOfRange, time};
 use armwire_bridge::config::MAX_POLL_HZ;
 
-/// Readings per second, 1 to 1000.
+/// Readings or moves per second, 1 to 1000.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rate(u16);
 
 impl Rate {
     /// The maximum, in hertz.
     pub const MAX: u16 = MAX_POLL_HZ;
+    /// The rate of moves if nobody asks for another one: 100 Hz.
+    pub const MOVES: Self = Self(100);
 
     /// A rate in hertz.
     ///
@@ -30,13 +32,13 @@ impl Rate {
         self.0
     }
 
-    /// The time between two readings.
+    /// The time between two of them.
     pub fn period(self) -> Duration {
         Duration::from_secs(1) / self.0.into()
     }
 
-    /// The time between two readings, in whole microseconds.
-    pub(super) const fn micros(self) -> u64 {
-        1_000_000 / self.0 as u64
+    /// The time between two of them, in whole microseconds.
+    pub(crate) const fn micros(self) -> time::Duration {
+        time::Duration::from_micros(1_000_000 / self.0 as u64)
     }
 }
