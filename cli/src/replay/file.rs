@@ -38,6 +38,9 @@ pub(super) enum Source {
 pub(super) struct Recorded {
     pub(super) topic: String,
     pub(super) source: Source,
+    /// What was not as recorded, in words.
+    pub(super) warnings: Vec<String>,
+    /// At times that grow, by 1 µs at least.
     poses: Vec<Pose>,
 }
 
@@ -73,8 +76,7 @@ impl Recorded {
         let first = self.poses.first().map_or(0, |pose| pose.at);
         let point = |pose: &Pose| {
             Ok(Point {
-                // A time before the first is no later than it, and is left out.
-                at: Instant::from_micros(u64::try_from(pose.at.saturating_sub(first) / 1_000).unwrap_or(0)),
+                at: Instant::from_micros(micros(first, pose.at)),
                 joints: pose.joints,
                 gripper: match (pose.gripper, stroke) {
                     (Gripper::Opening(opening), _) => Some(opening),
@@ -88,6 +90,11 @@ impl Recorded {
         };
         self.poses.iter().map(point).collect()
     }
+}
+
+/// The whole microseconds from one time to a later one.
+fn micros(from: i64, to: i64) -> u64 {
+    to.abs_diff(from) / 1_000
 }
 
 /// Reads the motion on `topic`, or on the only one. With `are_readings`, goals are left out.
@@ -174,10 +181,17 @@ enum Kind {
 struct Track {
     topic: String,
     kind: Kind,
-    /// Each with its time in nanoseconds since 1970.
-    readings: Vec<(i64, JointState)>,
-    goals: Vec<(i64, Move)>,
-    joints: Vec<(i64, NamedJoints)>,
+    readings: Vec<(Times, JointState)>,
+    goals: Vec<(Times, Move)>,
+    joints: Vec<(Times, NamedJoints)>,
+}
+
+/// The times of a message, in nanoseconds since 1970.
+#[derive(Clone, Copy, Debug)]
+struct Times {
+    log: i64,
+    /// That in the message; 0 if it has none.
+    stamp: i64,
 }
 
 impl Track {
@@ -201,8 +215,11 @@ impl Track {
             Kind::Frames => self.push_frame(log_time, data),
             Kind::JointStates => {
                 let joints = parse_joint_state(data)?;
-                let at = if joints.stamp == 0 { log_time } else { joints.stamp };
-                self.joints.push((at, joints));
+                let times = Times {
+                    log: log_time,
+                    stamp: joints.stamp,
+                };
+                self.joints.push((times, joints));
                 Ok(())
             }
         }
@@ -210,15 +227,19 @@ impl Track {
 
     fn push_frame(&mut self, log_time: i64, data: &[u8]) -> Result<(), String> {
         let frame = parse_frame(log_time, data)?;
+        let times = Times {
+            log: log_time,
+            stamp: frame.stamp,
+        };
         match (frame.protocol, frame.from) {
             (Protocol::Ling, Speaker::Arm) => {
                 if let Ok(Response::Joints(state)) = Messages::parse_response(&Ling, &frame.bytes, ()) {
-                    self.readings.push((frame.stamp, state));
+                    self.readings.push((times, state));
                 }
             }
             (Protocol::Ling, Speaker::Host) => {
                 if let Ok(Request::Move(target)) = Messages::parse_request(&Ling, &frame.bytes) {
-                    self.goals.push((frame.stamp, target));
+                    self.goals.push((times, target));
                 }
             }
             // Only Ling arms are moved.
@@ -230,34 +251,89 @@ impl Track {
     /// The motion: its goals if there are any, else the readings.
     fn into_recorded(self, are_readings: bool) -> Result<Recorded, String> {
         let (source, poses) = if self.kind == Kind::JointStates {
-            let poses = self.joints.iter().map(|(at, joints)| pose(*at, joints));
+            let poses = timed(&self.joints)?.map(|(at, joints)| pose(at, joints));
             (Source::JointStates, poses.collect::<Result<Vec<_>, _>>()?)
         } else if self.goals.len() > 1 && !are_readings {
-            let pose = |(at, target): &(i64, Move)| Pose {
-                at: *at,
+            let pose = |(at, target): (i64, &Move)| Pose {
+                at,
                 joints: target.joints.map(|(position, _)| position),
                 gripper: Gripper::Opening(target.gripper.0),
             };
-            (Source::Goals, self.goals.iter().map(pose).collect())
+            (Source::Goals, timed(&self.goals)?.map(pose).collect())
         } else {
             // A reading out of range is a pose that no move can express.
-            let pose = |(at, state): &(i64, JointState)| {
+            let pose = |(at, state): (i64, &JointState)| {
                 let joints = state.positions().ok()?;
                 let gripper = state.opening().map_or(Gripper::Unknown, Gripper::Opening);
-                let at = *at;
                 Some(Pose { at, joints, gripper })
             };
-            (Source::Readings, self.readings.iter().filter_map(pose).collect())
+            (Source::Readings, timed(&self.readings)?.filter_map(pose).collect())
         };
         if poses.is_empty() {
             return Err(format!("there is no pose of a Ling arm on {}", cut(&self.topic)));
         }
+        let (poses, warnings) = in_order(poses);
         Ok(Recorded {
             topic: self.topic,
             source,
+            warnings,
             poses,
         })
     }
+}
+
+/// Messages with one time each: their stamps, or without any the times of their log.
+fn timed<T>(messages: &[(Times, T)]) -> Result<impl Iterator<Item = (i64, &T)>, String> {
+    let all = messages.len();
+    let unstamped = messages.iter().position(|(times, _)| times.stamp == 0);
+    let is_stamped = messages.iter().any(|(times, _)| times.stamp != 0);
+    match unstamped {
+        Some(nth) if is_stamped => {
+            return Err(format!("message {} of {all} has no time, and others have one", nth + 1));
+        }
+        Some(_) if all > 1 && messages.iter().all(|(times, _)| times.log == 0) => {
+            return Err(format!("none of the {all} messages has a time"));
+        }
+        _ => {}
+    }
+    let time = move |times: &Times| if is_stamped { times.stamp } else { times.log };
+    Ok(messages.iter().map(move |(times, message)| (time(times), message)))
+}
+
+/// The poses in the order of their times, the last one of each time, and warnings if they were not so before.
+fn in_order(mut poses: Vec<Pose>) -> (Vec<Pose>, Vec<String>) {
+    let all = poses.len();
+    let mut warnings = Vec::new();
+    let (mut late, mut by, mut newest) = (0, 0, i64::MIN);
+    for pose in &poses {
+        if pose.at < newest {
+            (late, by) = (late + 1, by.max(micros(pose.at, newest)));
+        }
+        newest = newest.max(pose.at);
+    }
+    if late > 0 {
+        let seconds = by as f64 / 1e6;
+        warnings.push(format!(
+            "{late} of {all} poses are recorded behind a later one, by up to {seconds:.2} s: they are sorted by their \
+             times"
+        ));
+        poses.sort_by_key(|pose| pose.at);
+    }
+    let mut kept: Vec<Pose> = Vec::new();
+    let first = poses.first().map_or(0, |pose| pose.at);
+    for pose in poses {
+        match kept.last_mut() {
+            Some(last) if micros(first, last.at) == micros(first, pose.at) => *last = pose,
+            _ => kept.push(pose),
+        }
+    }
+    let left_out = all - kept.len();
+    if left_out > 0 {
+        warnings.push(format!(
+            "{left_out} of {all} poses have the time of another, and are left out"
+        ));
+    }
+    (kept, warnings)
 }
 
 /// The pose in joint states: `joint1` to `joint6` in rad, and perhaps `gripper`, its opening in m.

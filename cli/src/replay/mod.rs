@@ -74,6 +74,9 @@ impl Replay {
             return Err(Error::Usage("--to must be after --from".to_owned()));
         }
         let recorded = file::read(&self.file, self.topic.as_deref(), self.readings)?;
+        for warning in &recorded.warnings {
+            print_error(&format_args!("{}: {warning}", self.file.display()));
+        }
         // An unsuitable recording is refused before the arm is asked for anything.
         self.motion(&recorded, None)?;
         let mut arm = stoppable::open(&self.arm)?;

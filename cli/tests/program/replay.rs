@@ -52,6 +52,17 @@ impl Cdr {
     }
 }
 
+/// A joint state behind its stamp.
+fn joint_state(stamp: Cdr, names: &[&str], positions: &[f64]) -> Vec<u8> {
+    let mut cdr = stamp.text("base").u32(names.len() as u32);
+    cdr = names.iter().fold(cdr, |cdr, name| cdr.text(name));
+    cdr = cdr.u32(positions.len() as u32);
+    cdr = positions
+        .iter()
+        .fold(cdr, |cdr, value| cdr.aligned(8, &value.to_le_bytes()));
+    cdr.u32(0).u32(0).0
+}
+
 /// A file in MCAP, deleted at the end.
 struct Recording(PathBuf);
 
@@ -78,19 +89,20 @@ impl Recording {
 
     /// Joint states with these names, and the positions at each time in milliseconds.
     fn joint_states(names: &[&str], positions: &[(u32, &[f64])]) -> Self {
-        let messages: Vec<_> = positions
-            .iter()
-            .map(|(millis, positions)| {
-                let mut cdr = Cdr::new().time(*millis).text("base").u32(names.len() as u32);
-                cdr = names.iter().fold(cdr, |cdr, name| cdr.text(name));
-                cdr = cdr.u32(positions.len() as u32);
-                cdr = positions
-                    .iter()
-                    .fold(cdr, |cdr, value| cdr.aligned(8, &value.to_le_bytes()));
-                (*millis, cdr.u32(0).u32(0).0)
-            })
-            .collect();
-        Self::new("sensor_msgs/msg/JointState", &messages)
+        let messages = positions.iter().map(|(millis, positions)| {
+            let stamp = Cdr::new().time(*millis);
+            (*millis, joint_state(stamp, names, positions))
+        });
+        Self::new("sensor_msgs/msg/JointState", &messages.collect::<Vec<_>>())
+    }
+
+    /// Joint states of all joints at 0°, at these times in milliseconds; `None` without a time.
+    fn at_times(times: &[Option<u32>]) -> Self {
+        let messages = times.iter().map(|millis| {
+            let stamp = millis.map_or(Cdr::new().u32(0).u32(0), |millis| Cdr::new().time(millis));
+            (millis.unwrap_or(0), joint_state(stamp, &NAMES[..6], &[0.0; 6]))
+        });
+        Self::new("sensor_msgs/msg/JointState", &messages.collect::<Vec<_>>())
     }
 
     /// Frames of a Ling arm from the host (0) or from the arm (1), each with its time in milliseconds.
@@ -220,6 +232,11 @@ fn unsuitable_recordings_are_refused_without_the_arm() {
             "the unit of 'shoulder' is not known: replayed are joint1 to joint6 in rad, and gripper in m",
         ),
         (
+            Recording::at_times(&[Some(0), Some(10), None, Some(30)]),
+            "message 3 of 4 has no time, and others have one",
+        ),
+        (Recording::at_times(&[None; 3]), "none of the 3 messages has a time"),
+        (
             Recording::new("std_msgs/msg/String", &[]),
             "there is no pose of a Ling arm: neither frames of one ('armwire record' records them), nor \
              sensor_msgs/msg/JointState with joint1 to joint6",
@@ -238,6 +255,44 @@ fn fast() -> Recording {
         .map(|(millis, positions)| (*millis, &positions[..]))
         .collect();
     Recording::joint_states(&NAMES[..6], &positions)
+}
+
+#[test]
+fn unsorted_recording_is_replayed_in_order() {
+    // 201 poses of 2 s, to 57°.
+    let poses: Vec<_> = (0..201)
+        .map(|n| n * 73 % 201)
+        .map(|n| (n * 10, [0.005 * f64::from(n); 6]))
+        .collect();
+    let poses: Vec<_> = poses
+        .iter()
+        .map(|(millis, positions)| (*millis, &positions[..]))
+        .collect();
+    let recording = Recording::joint_states(&NAMES[..6], &poses);
+    let arm = Arm::start("ling", "replay-unsorted", &["--plant", "typical"]);
+    let output = recording.replay(&[&arm.port]);
+    assert!(output.status.success(), "{output:?}");
+    let stderr = String::from_utf8(output.stderr).unwrap();
+    let warning = "195 of 201 poses are recorded behind a later one, by up to 1.99 s: they are sorted by their times";
+    assert!(
+        stderr.contains(&format!("{}: {warning}\n", recording.path())),
+        "{stderr}"
+    );
+    let out = String::from_utf8(output.stdout).unwrap();
+    assert!(out.starts_with("2.0 s of /arm (201 joint states)\n"), "{out}");
+    assert_joints_near(&arm, 57.3);
+}
+
+#[test]
+fn poses_of_one_time_are_left_out_with_a_warning() {
+    let arm = Arm::start("ling", "replay-same", &[]);
+    let output = Recording::at_times(&[Some(0), Some(10), Some(10), Some(20)]).replay(&[&arm.port]);
+    assert!(output.status.success(), "{output:?}");
+    let stderr = String::from_utf8(output.stderr).unwrap();
+    assert!(
+        stderr.contains(": 1 of 4 poses have the time of another, and are left out\n"),
+        "{stderr}"
+    );
 }
 
 #[test]
