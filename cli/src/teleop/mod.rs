@@ -143,13 +143,32 @@ impl Session<'_> {
             let mut stream = follower.into_stream();
             let pause = self.follow(&mut stream);
             follower = stream.into_arm();
-            let stopped = pause.and_then(|pause| {
-                let stopped = follower.stop(None)?;
-                self.status
-                    .beside(|| print_line(format_args!("{pause}; {}", stop::show(&stopped))))
-            });
-            if let Err(error) = stopped {
+            if let Err(error) = pause.and_then(|pause| self.stop(&mut follower, &pause)) {
                 return (follower, error);
+            }
+        }
+    }
+
+    /// Stops the follower. One that is silent, or still moves, is asked until it stops.
+    fn stop(&mut self, follower: &mut Ling, pause: &Pause) -> Result<(), Error> {
+        let mut pause = Some(pause);
+        loop {
+            self.recorder.write()?;
+            match follower.stop_interruptibly(None) {
+                Ok(stopped) => {
+                    let stopped = stop::show(&stopped);
+                    return self.status.beside(|| match pause {
+                        Some(pause) => print_line(format_args!("{pause}; {stopped}")),
+                        None => print_line(stopped),
+                    });
+                }
+                Err(error @ Host::NotStopped { .. }) => {
+                    let Some(pause) = pause.take() else { continue };
+                    let error = Error::from(error);
+                    self.status
+                        .beside(|| print_line(format_args!("{pause}; {error}; it is asked again until it stops")))?;
+                }
+                Err(error) => return Err(error.into()),
             }
         }
     }

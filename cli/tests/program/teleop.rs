@@ -4,7 +4,7 @@ use std::cell::RefCell;
 use std::fs;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
-use std::process::{Command, Output};
+use std::process::{Child, Command, Output};
 use std::time::Instant;
 
 use armwire::ling::Position;
@@ -261,4 +261,48 @@ fn unplugged_leader_is_named() {
     let output = finish(child);
     let stderr = String::from_utf8(output.stderr).unwrap();
     assert!(stderr.contains(&leader.port), "{stderr}");
+}
+
+/// Teleoperation whose follower has just become silent. Returns the lines of the program that follow, and all arms.
+fn with_silent_follower() -> (Child, impl FnMut(&str) -> String, [Arm; 2]) {
+    let leader = Arm::start("ling", "teleop-silent", &["--leader"]);
+    let follower = Arm::start("ling", "teleop-silent", &["--plant", "lag=40ms,friction=3"]);
+    let mut child = start(Command::new(PROGRAM).args(["teleop", &leader.port, &follower.port]));
+    let mut out = BufReader::new(child.stdout.take().unwrap()).lines();
+    let mut line_with = move |text: &str| {
+        out.find_map(|line| line.ok().filter(|line| line.contains(text)))
+            .unwrap()
+    };
+    line_with("following");
+    follower.signal(Signal::STOP);
+    let line = line_with("no pose of the follower for 0.");
+    assert!(line.contains(&format!("; {}: not stopped: ", follower.port)), "{line}");
+    assert!(line.ends_with("; it is asked again until it stops"), "{line}");
+    (child, line_with, [leader, follower])
+}
+
+#[test]
+fn silent_follower_is_waited_for() {
+    let (child, mut line_with, [leader, follower]) = with_silent_follower();
+    follower.signal(Signal::CONT);
+    line_with("stopped: joints: ");
+    line_with("following");
+    kill_process(Pid::from_child(&child), Signal::INT).unwrap();
+    line_with("stopped: joints: ");
+    line_with(" s: moves ");
+    let output = finish(child);
+    assert!(output.status.success() && output.stderr.is_empty(), "{output:?}");
+    let joints = success(&["call", "ling", &follower.port, "read-joints"]);
+    let pose = "joints: +0.00° +0.00° +0.00° +0.00° +0.00° +0.00°, gripper: 0.0 % open, status: locked";
+    assert_eq!(joints.trim(), pose);
+    drop(leader);
+}
+
+#[test]
+fn ctrl_c_beside_a_silent_follower_says_one_thing() {
+    let (child, _, [_leader, follower]) = with_silent_follower();
+    kill_process(Pid::from_child(&child), Signal::INT).unwrap();
+    let line = failure(&finish(child));
+    assert!(line.starts_with(&format!("{}: not stopped: ", follower.port)), "{line}");
+    assert_eq!(line.matches("stopped").count(), 1, "{line}");
 }

@@ -5,7 +5,7 @@ use armwire::time::{Duration, Instant};
 use armwire_host::follow::{End, Follow, Output, Pause, Progress, Start};
 use armwire_host::{Limits, Rate};
 use armwire_sim::faults::Rates;
-use armwire_sim::ling::Config;
+use armwire_sim::ling::{Config, Plant};
 
 use crate::world::{Arm, NOISY, STEP, by_hand, push};
 
@@ -27,9 +27,18 @@ struct Pair {
 
 impl Pair {
     fn new(start: Start, rates: Rates) -> Self {
+        Self::with_plant(start, rates, Plant::IDEAL)
+    }
+
+    /// A pair whose follower has this plant.
+    fn with_plant(start: Start, rates: Rates, plant: Plant) -> Self {
+        let follower = Config {
+            plant,
+            ..Config::follower()
+        };
         Self {
             leader: Arm::new(Config::leader(), rates, 3),
-            follower: Arm::new(Config::follower(), rates, 4),
+            follower: Arm::new(follower, rates, 4),
             follow: Follow::new(Limits::FOLLOW, start, Rate::MOVES),
             now: Instant::ZERO,
             is_plugged: true,
@@ -255,6 +264,52 @@ fn silent_follower_is_not_moved() {
         }
     };
     assert!(matches!(output, Pause::FollowerLate(_)), "{output:?}");
+}
+
+#[test]
+fn returning_follower_follows_from_where_it_is() {
+    // Joints 1, 4 and 6 carry no weight: a stop leaves them where they are.
+    let mut pair = Pair::with_plant(Start::Approach, Rates::NONE, Plant::TYPICAL);
+    pair.run_until(1_000).unwrap();
+    pair.push(2_300.0);
+    pair.run_until(1_100).unwrap();
+    // It is silent for 3 s, in which the hand goes on by 5°.
+    let silent_until = pair.now + Duration::from_millis(3_000);
+    let mut pauses = 0;
+    while pair.now < silent_until {
+        let leader = JointState {
+            joints: [2_356; JOINTS],
+            gripper: 0,
+            status: MotionStatus::Idle,
+        };
+        pair.follow.on_leader(pair.now, &leader);
+        match pair.follow.poll(pair.now).unwrap() {
+            Output::Move(target) => pair.follower.send(pair.now, &Request::Move(target)),
+            Output::Stop(pause) => {
+                assert!(matches!(pause, Pause::FollowerLate(_)), "{pause:?}");
+                pauses += 1;
+            }
+            Output::Wait(_) => {}
+        }
+        pair.now += STEP;
+    }
+    assert_eq!(pauses, 1);
+    pair.follower.readings(pair.now);
+    let before = pair.follower();
+    let [first, ..] = before;
+    assert!((2_050..2_300).contains(&first), "{before:?}");
+    // It does not follow a leader that is far away.
+    pair.goal = None;
+    pair.push(2_356.0);
+    pair.run_until(6_000).unwrap();
+    assert_eq!(pair.follower(), before);
+    pair.push(f64::from(first) + 20.0);
+    pair.run_until(8_000).unwrap();
+    assert_eq!(pair.follow.progress(), Progress::Following);
+    let joints = pair.follower();
+    for joint in [0, 3, 5] {
+        assert!(joints[joint].abs_diff(first + 20) <= 3, "{joints:?}");
+    }
 }
 
 #[test]

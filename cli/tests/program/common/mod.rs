@@ -142,6 +142,11 @@ impl Arm {
         Self { child, out, port }
     }
 
+    /// Sends it a signal.
+    pub(crate) fn signal(&self, signal: Signal) {
+        kill_process(Pid::from_child(&self.child), signal).unwrap();
+    }
+
     /// Kills it without a chance to clean up.
     pub(crate) fn kill(mut self) {
         self.child.kill().unwrap();
@@ -152,7 +157,7 @@ impl Arm {
 
     /// Ends it with a signal. Returns the rest of its output.
     pub(crate) fn stop(mut self, signal: Signal) -> String {
-        kill_process(Pid::from_child(&self.child), signal).unwrap();
+        self.signal(signal);
         let deadline = Instant::now() + TIMEOUT;
         let status = loop {
             match self.child.try_wait().unwrap() {
