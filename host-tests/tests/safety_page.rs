@@ -4,7 +4,7 @@ use std::fs;
 use std::path::Path;
 
 /// The files of these tests.
-const TESTS: [&str; 39] = [
+const TESTS: [&str; 40] = [
     "bridge/src/tests/control.rs",
     "bridge/src/tests/delayed.rs",
     "bridge/src/tests/line_rate.rs",
@@ -34,6 +34,7 @@ const TESTS: [&str; 39] = [
     "host/tests/ling.rs",
     "host/tests/motion/follow.rs",
     "host/tests/motion/replay.rs",
+    "host/tests/motion/trajectory.rs",
     "protocol/tests/client.rs",
     "protocol/tests/driver.rs",
     "protocol/tests/read_back.rs",

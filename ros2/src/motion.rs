@@ -15,7 +15,7 @@ use ros2_client::action::GoalId;
 use crate::joint_states::{Reading, Units};
 use crate::messages::JointTrajectory;
 use crate::tolerances::Tolerances;
-use crate::trajectory::{self, Joint, Path, Pose, Refusal};
+use crate::trajectory::{self, Joint, Pose, Refusal};
 
 /// Minimum time between two outputs of feedback.
 const FEEDBACK_PERIOD: Duration = Duration::from_millis(50);
@@ -157,12 +157,12 @@ impl Motion {
         }
         let lead = micros(trajectory::lead(order.trajectory.header.stamp, system)?);
         let starts = now + lead;
-        let path = self.check(&order.trajectory, starts)?;
+        let trajectory = self.check(&order, starts)?;
         if let Some(waiting) = self.waiting.take() {
             self.end(waiting.order.origin, End::Replaced);
         }
         if lead == Duration::ZERO {
-            self.begin(order.origin, &path, order.tolerances.as_ref(), starts);
+            self.begin(order.origin, trajectory, starts);
         } else {
             self.waiting = Some(Waiting { order, starts });
         }
@@ -219,8 +219,8 @@ impl Motion {
 
     fn advance(&mut self, now: Instant) {
         if let Some(Waiting { order, starts }) = self.waiting.take_if(|waiting| now >= waiting.starts) {
-            match self.check(&order.trajectory, starts) {
-                Ok(path) => self.begin(order.origin, &path, order.tolerances.as_ref(), starts),
+            match self.check(&order, starts) {
+                Ok(trajectory) => self.begin(order.origin, trajectory, starts),
                 Err(refusal) => self.end(order.origin, End::Aborted(Abort::Start(refusal))),
             }
         }
@@ -284,7 +284,8 @@ impl Motion {
         self.end_playing(End::Aborted(abort));
     }
 
-    fn check(&self, trajectory: &JointTrajectory, starts: Instant) -> Result<Path, Refusal> {
+    /// The trajectory of an order that starts at this time, from where the arm is then.
+    fn check(&self, order: &Order, starts: Instant) -> Result<Trajectory, Refusal> {
         let (positions, goals) = match (&self.playing, self.engine.seen()) {
             // A motion continues from its setpoint: a reading lags behind.
             (Some(playing), _) if !playing.trajectory.is_sent() => {
@@ -297,25 +298,27 @@ impl Motion {
                 (positions.clone(), goals.unwrap_or(positions))
             }
         };
-        trajectory::check(&self.joints, self.required, trajectory, &Pose { positions, goals })
-    }
-
-    fn begin(&mut self, origin: Origin, path: &Path, tolerances: Option<&Tolerances>, began: Instant) {
-        self.end_playing(End::Replaced);
+        let pose = Pose { positions, goals };
+        let path = trajectory::check(&self.joints, self.required, &order.trajectory, &pose)?;
         let units = self.units;
         let start = units.axes(&path.start);
         let knots = path.knots.iter().map(|knot| Knot {
             at: micros(knot.at),
             axes: units.axes(&knot.positions),
         });
-        let tolerances = tolerances.map(|tolerances| host::Tolerances {
+        let tolerances = order.tolerances.as_ref().map(|tolerances| host::Tolerances {
             path: units.tolerance(&tolerances.path),
             goal: units.tolerance(&tolerances.goal),
             goal_time: micros(tolerances.goal_time),
         });
+        Trajectory::new(start, knots.collect(), tolerances, starts).map_err(Refusal::Unplayable)
+    }
+
+    fn begin(&mut self, origin: Origin, trajectory: Trajectory, began: Instant) {
+        self.end_playing(End::Replaced);
         self.playing = Some(Playing {
             origin,
-            trajectory: Trajectory::new(start, knots.collect(), tolerances, began),
+            trajectory,
             began,
             reported: None,
         });

@@ -110,6 +110,8 @@ pub(crate) enum Refusal {
     GoalTime,
     #[error("a goal with this identifier was accepted before")]
     RepeatedGoal,
+    #[error("{0}")]
+    Unplayable(armwire_host::trajectory::Refusal),
     #[error("the torque is off")]
     TorqueOff,
     #[error("the arm does not answer")]

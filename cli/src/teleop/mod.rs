@@ -88,7 +88,7 @@ impl Teleop {
         let mut session = Session {
             leader,
             recorder: &mut recorder,
-            follow: Follow::new(limits, start, self.rate),
+            follow: Follow::new(limits, start, self.rate).map_err(|error| Error::Usage(error.to_string()))?,
             clock: Stopwatch::start(),
             sums: Sums::default(),
             status: self.status.line(),

@@ -130,7 +130,7 @@ fn on_pair<R>(rates: Rates, test: impl FnOnce(&mut Pair<'_>) -> R) -> R {
             test(&mut Pair {
                 leader: Side::new(leader),
                 follower,
-                follow: Follow::new(Limits::FOLLOW, Start::Approach, Rate::MOVES),
+                follow: Follow::new(Limits::FOLLOW, Start::Approach, Rate::MOVES).unwrap(),
                 hand: Hand::default(),
                 now: Instant::ZERO,
                 is_plugged: true,

@@ -70,6 +70,24 @@ pub(crate) fn ticks(positions: [Position; JOINTS]) -> Ticks {
     positions.map(|position| position.ticks().into())
 }
 
+/// Refuses a pose that no move can express.
+///
+/// # Errors
+///
+/// [`OutOfRange`] for an axis whose value, rounded to whole units, is none of the arm's.
+pub(crate) fn check(axes: &Axes) -> Result<(), OutOfRange<f32>> {
+    for (axis, value) in axes.iter().enumerate() {
+        let (what, unit, max) = match axis < JOINTS {
+            true => ("joint position", "ticks", Position::MAX.ticks()),
+            false => ("gripper opening", "‰", Opening::OPEN.per_mille()),
+        };
+        if !(-0.5..f64::from(max) + 0.5).contains(value) {
+            return Err(OutOfRange::new(what, unit, *value as f32, 0.0, max.into()));
+        }
+    }
+    Ok(())
+}
+
 /// The position nearest to one between positions.
 pub(crate) fn position(ticks: f64) -> Position {
     Position::new((ticks + 0.5) as u16).unwrap_or(Position::MAX)

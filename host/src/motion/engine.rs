@@ -55,6 +55,8 @@ pub enum Fault {
     TorqueOff(MotionStatus),
     /// No move can express the arm's pose.
     Position(OutOfRange),
+    /// No move can express the source's target, or a speed of it.
+    Target(OutOfRange<f32>),
     /// No reading came for this time.
     Silent(Duration),
     /// An axis was too far from its goal for too long.
@@ -66,6 +68,7 @@ impl fmt::Display for Fault {
         match self {
             Self::TorqueOff(status) => write!(f, "the torque is off (status {status})"),
             Self::Position(error) => write!(f, "the arm's pose cannot be held: {error}"),
+            Self::Target(error) => write!(f, "a target cannot be sent: {error}"),
             Self::Silent(age) => write!(f, "no reading of the joints for {:.2} s", seconds(*age)),
             Self::TrackingError(Off { axis, distance, .. }) => {
                 let (joint, degrees) = (axis + 1, degrees(*distance));
@@ -141,7 +144,7 @@ impl Engine {
         }
     }
 
-    /// The next action, with the targets of `source`.
+    /// The next action, with the targets of `source`. One that no move can express is a [`Fault::Target`].
     pub fn poll<S: Source>(&mut self, now: Instant, source: &mut S) -> Output<S::End> {
         let begun = *self.begun.get_or_insert(now);
         if let Some(fault) = self.fault(now, begun) {
@@ -156,7 +159,13 @@ impl Engine {
         };
         let period = self.pace.period();
         match source.next(now, period, &arm) {
-            Next::Go(target) => Output::Move(self.goal.advance(now, &target, &arm.pose, period)),
+            Next::Go(target) => match target.check() {
+                Ok(()) => Output::Move(self.goal.advance(now, &target, &arm.pose, period)),
+                Err(error) => match source.on_fault(now, Fault::Target(error)) {
+                    Some(end) => Output::End(end),
+                    None => Output::Wait(self.pace.next()),
+                },
+            },
             Next::Rest => Output::Wait(self.pace.next()),
             Next::End(end) => Output::End(end),
         }

@@ -6,6 +6,7 @@ use std::collections::VecDeque;
 use std::error;
 use std::fmt;
 
+use armwire::OutOfRange;
 use armwire::ling::{JOINTS, JointState, MotionStatus, Move, Opening};
 use armwire::time::{Duration, Instant};
 
@@ -128,7 +129,7 @@ impl error::Error for End {}
 /// use armwire_host::{Limits, Rate};
 /// use armwire_host::follow::{Follow, Output, Start};
 ///
-/// let mut follow = Follow::new(Limits::FOLLOW, Start::Approach, Rate::MOVES);
+/// let mut follow = Follow::new(Limits::FOLLOW, Start::Approach, Rate::MOVES)?;
 /// let now = Instant::ZERO;
 /// let state = JointState { joints: [2048; 6], gripper: 500, status: MotionStatus::Locked };
 /// follow.on_follower(now, &state);
@@ -138,7 +139,7 @@ impl error::Error for End {}
 /// let Output::Wait(now) = follow.poll(now)? else { panic!("no pause") };
 /// let Output::Move(target) = follow.poll(now)? else { panic!("no move") };
 /// assert_eq!(target.joints[0].0.ticks(), 2050);
-/// # Ok::<(), armwire_host::follow::End>(())
+/// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Clone, Debug)]
 pub struct Follow {
@@ -181,9 +182,14 @@ enum Phase {
 
 impl Follow {
     /// Teleoperation with moves at this rate.
-    pub fn new(limits: Limits, start: Start, rate: Rate) -> Self {
+    ///
+    /// # Errors
+    ///
+    /// [`OutOfRange`] for limits within which a joint does not move: a speed under [`Speed::SLOWEST`](armwire::ling::Speed::SLOWEST), or a step of 0.
+    pub fn new(limits: Limits, start: Start, rate: Rate) -> Result<Self, OutOfRange> {
+        limits.check()?;
         let silence = SilenceLimit::PAUSE.at(rate.micros());
-        Self {
+        Ok(Self {
             engine: Engine::new(rate, silence, [None; AXES]),
             script: Script {
                 limits,
@@ -196,7 +202,7 @@ impl Follow {
             },
             follower: None,
             lag: None,
-        }
+        })
     }
 
     /// Takes a reading of the leader that was made at `at`.
@@ -323,7 +329,7 @@ impl Source for Script {
             Fault::TorqueOff(status) => Some(Err(End::TorqueOff(status))),
             Fault::Silent(age) if is_moving => Some(Ok(Pause::FollowerLate(age))),
             Fault::TrackingError(off) => Some(Ok(Pause::TrackingError(off))),
-            Fault::Silent(_) | Fault::Position(_) => self.unread(now),
+            Fault::Silent(_) | Fault::Position(_) | Fault::Target(_) => self.unread(now),
         }
     }
 }

@@ -5,7 +5,7 @@ use armwire::OutOfRange;
 use armwire::ling::{GripperSpeed, JOINTS, Move, Speed};
 use armwire::time::{Duration, Instant};
 
-use crate::motion::axes::{AXES, Axes, Off, Ticks, Tolerance, off, opening, position, seconds};
+use crate::motion::axes::{self, AXES, Axes, Off, Ticks, Tolerance, off, opening, position, seconds, with_gripper};
 
 /// The gripper's speed in [`Way::At`], as the vendor's software always sends it. The setpoints of a trajectory limit the
 /// gripper: at [`GripperSpeed::DEFAULT`] it would be late.
@@ -68,6 +68,26 @@ pub struct TrackingLimit {
     pub allowed: Tolerance,
     /// The time after which it counts.
     pub time: Duration,
+}
+
+impl Target {
+    /// Refuses a target that no move can express.
+    ///
+    /// # Errors
+    ///
+    /// [`OutOfRange`] for a position, a speed or a limit.
+    pub(crate) fn check(&self) -> Result<(), OutOfRange<f32>> {
+        axes::check(&with_gripper(self.joints, self.gripper.unwrap_or(0.0)))?;
+        match self.way {
+            Way::Within(limits) => limits.check()?,
+            Way::At(speeds) => {
+                for speed in speeds {
+                    Speed::for_move(speed.ticks_per_second())?;
+                }
+            }
+        }
+        Ok(())
+    }
 }
 
 impl TrackingLimit {
@@ -182,7 +202,7 @@ impl Goal {
             let speed = match target.way {
                 Way::At(speeds) => {
                     goal[joint] = to;
-                    speeds[joint].max(Speed::SLOWEST)
+                    speeds[joint]
                 }
                 Way::Within(limits) => {
                     let max = limits.speeds[joint];
@@ -222,20 +242,15 @@ const fn speed(ticks_per_second: u16) -> Speed {
     }
 }
 
-/// The speed of a joint that is to move, nearest to this one.
+/// The speed of a joint that is to move, nearest to this one and at most `max`.
 fn speed_within(ticks_per_second: f64, max: Speed) -> Speed {
-    let slowest = Speed::SLOWEST.min(max);
-    match Speed::for_move(ticks_per_second.round() as u16) {
-        Ok(speed) => speed.clamp(slowest, max),
-        Err(_) if ticks_per_second < slowest.ticks_per_second().into() => slowest,
-        Err(_) => max,
-    }
+    let nearest = ticks_per_second.round().min(max.ticks_per_second().into());
+    Speed::for_move(nearest as u16).unwrap_or(Speed::SLOWEST)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::motion::axes::with_gripper;
 
     fn pose(ticks: f64) -> Axes {
         with_gripper([ticks; JOINTS], 0.0)

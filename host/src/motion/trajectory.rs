@@ -1,9 +1,13 @@
 //! A trajectory: poses at their times, which an arm makes at constant speed from one to the next.
 
+use std::error;
+use std::fmt;
+
+use armwire::OutOfRange;
 use armwire::ling::{JOINTS, Speed};
 use armwire::time::{Duration, Instant};
 
-use crate::motion::axes::{Axes, Off, Tolerance, between, joints, off, part, seconds};
+use crate::motion::axes::{self, Axes, Off, Tolerance, between, joints, off, part, seconds};
 use crate::motion::engine::{Fault, Next, Seen, Source};
 use crate::motion::goal::{Target, TrackingLimit, Way};
 
@@ -27,6 +31,55 @@ pub struct Tolerances {
     pub goal_time: Duration,
 }
 
+/// The reason why a trajectory is refused. Poses are numbered from 1, 0 is the start.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum Refusal {
+    /// No move can express this pose.
+    Position {
+        /// The pose.
+        pose: usize,
+        /// Its axis that is out of range.
+        error: OutOfRange<f32>,
+    },
+    /// The time of this pose is not after that of the one before.
+    Order {
+        /// The pose.
+        pose: usize,
+    },
+    /// A joint cannot reach this pose in its time.
+    Speed {
+        /// The pose.
+        pose: usize,
+        /// The joint, from 1.
+        joint: u8,
+        /// Its speed.
+        ticks_per_second: f64,
+    },
+}
+
+impl fmt::Display for Refusal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Position { pose, error } => write!(f, "pose {pose}: {error}"),
+            Self::Order { pose } => write!(f, "the time of pose {pose} is not after that of the one before"),
+            Self::Speed {
+                pose,
+                joint,
+                ticks_per_second,
+            } => {
+                let max = Speed::MAX.ticks_per_second();
+                write!(
+                    f,
+                    "joint {joint} would go to pose {pose} at {ticks_per_second:.0} ticks/s, must be at most {max}"
+                )
+            }
+        }
+    }
+}
+
+impl error::Error for Refusal {}
+
 /// The end of a trajectory.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum End {
@@ -38,7 +91,7 @@ pub enum End {
     Fault(Fault),
 }
 
-/// A trajectory that is played. It was checked, and keeps its own speeds.
+/// A trajectory that is played. It keeps its own speeds.
 #[derive(Clone, Debug)]
 pub struct Trajectory {
     /// The pose at the beginning.
@@ -52,16 +105,31 @@ pub struct Trajectory {
 }
 
 impl Trajectory {
-    /// A trajectory from the pose `start` at `began`, whose times do not decrease. Without tolerances it ends with its last
-    /// pose, wherever the arm is.
-    pub fn new(start: Axes, knots: Vec<Knot>, tolerances: Option<Tolerances>, began: Instant) -> Self {
-        Self {
+    /// A trajectory from the pose `start` at `began`, whose times grow. A first pose at time 0 replaces `start`. Without
+    /// tolerances it ends with its last pose, wherever the arm is.
+    ///
+    /// # Errors
+    ///
+    /// [`Refusal`] for poses, times or speeds that no arm can have.
+    pub fn new(start: Axes, knots: Vec<Knot>, tolerances: Option<Tolerances>, began: Instant) -> Result<Self, Refusal> {
+        let at = Duration::ZERO;
+        let mut before = Knot { at, axes: start };
+        axes::check(&start).map_err(|error| Refusal::Position { pose: 0, error })?;
+        for (pose, knot) in (1..).zip(&knots) {
+            axes::check(&knot.axes).map_err(|error| Refusal::Position { pose, error })?;
+            let is_replaced = pose == 1 && knot.at == Duration::ZERO;
+            if !is_replaced {
+                check_speeds(pose, &before, knot)?;
+            }
+            before = *knot;
+        }
+        Ok(Self {
             start,
             knots,
             tolerances,
             began,
             is_sent: false,
-        }
+        })
     }
 
     /// The pose at a time. After the end, the last one.
@@ -106,18 +174,37 @@ impl Trajectory {
         (from, self.knots.get(next).copied().unwrap_or(start))
     }
 
-    /// The speeds of the joints at a time since the beginning.
+    /// The speeds of the joints at a time since the beginning. A slower joint than the slowest is early at each setpoint.
     fn speeds(&self, elapsed: Duration) -> [Speed; JOINTS] {
         let (from, to) = self.segment(elapsed);
         let length = seconds(to.at) - seconds(from.at);
         std::array::from_fn(|joint| match length > 0.0 {
             true => {
                 let speed = (to.axes[joint] - from.axes[joint]).abs() / length;
-                Speed::new(speed.round() as u16).unwrap_or(Speed::MAX)
+                Speed::for_move(speed.round() as u16).unwrap_or(Speed::SLOWEST)
             }
             false => Speed::SLOWEST,
         })
     }
+}
+
+/// Refuses a pose at a time that is not later, or to which a joint would be too fast.
+fn check_speeds(pose: usize, from: &Knot, to: &Knot) -> Result<(), Refusal> {
+    if to.at <= from.at {
+        return Err(Refusal::Order { pose });
+    }
+    let length = seconds(to.at) - seconds(from.at);
+    for joint in 0..JOINTS {
+        let ticks_per_second = (to.axes[joint] - from.axes[joint]).abs() / length;
+        if ticks_per_second.round() > Speed::MAX.ticks_per_second().into() {
+            return Err(Refusal::Speed {
+                pose,
+                joint: joint as u8 + 1,
+                ticks_per_second,
+            });
+        }
+    }
+    Ok(())
 }
 
 impl Source for Trajectory {
@@ -171,7 +258,7 @@ mod tests {
 
     fn trajectory(knots: &[Knot], tolerances: Option<Tolerances>) -> Trajectory {
         let start = with_gripper([2_000.0; JOINTS], 0.0);
-        Trajectory::new(start, knots.to_vec(), tolerances, Instant::ZERO)
+        Trajectory::new(start, knots.to_vec(), tolerances, Instant::ZERO).unwrap()
     }
 
     /// The first joint, its speed, and the gripper.
@@ -194,6 +281,45 @@ mod tests {
                 (1_900.0, 200, 250.0)
             ]
         );
+    }
+
+    #[test]
+    fn impossible_trajectories_are_refused() {
+        let refused = |start: f64, knots: &[Knot]| {
+            let start = with_gripper([start; JOINTS], 0.0);
+            Trajectory::new(start, knots.to_vec(), None, Instant::ZERO)
+                .unwrap_err()
+                .to_string()
+        };
+        for (start, knots, text) in [
+            (
+                f64::NAN,
+                vec![],
+                "pose 0: joint position is NaN ticks, must be 0..=4095",
+            ),
+            (
+                2_000.0,
+                vec![knot(10, f64::INFINITY, 0.0)],
+                "pose 1: joint position is inf ticks, must be 0..=4095",
+            ),
+            (
+                2_000.0,
+                vec![knot(10, 2_000.0, 1_001.0)],
+                "pose 1: gripper opening is 1001 ‰, must be 0..=1000",
+            ),
+            (
+                2_000.0,
+                vec![knot(10, 2_000.0, 0.0), knot(10, 2_100.0, 0.0)],
+                "the time of pose 2 is not after that of the one before",
+            ),
+            (
+                2_000.0,
+                vec![knot(10, 2_051.0, 0.0)],
+                "joint 1 would go to pose 1 at 5100 ticks/s, must be at most 5000",
+            ),
+        ] {
+            assert_eq!(refused(start, &knots), text);
+        }
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! A follower that follows a leader.
 
-use armwire::ling::{JOINTS, JointState, MotionStatus, Opening, Request, Torque};
+use armwire::ling::{JOINTS, JointState, MotionStatus, Opening, Request, Speed, Torque};
 use armwire::time::{Duration, Instant};
 use armwire_host::follow::{End, Follow, Output, Pause, Progress, Start};
 use armwire_host::{Limits, Rate};
@@ -39,7 +39,7 @@ impl Pair {
         Self {
             leader: Arm::new(Config::leader(), rates, 3),
             follower: Arm::new(follower, rates, 4),
-            follow: Follow::new(Limits::FOLLOW, start, Rate::MOVES),
+            follow: Follow::new(Limits::FOLLOW, start, Rate::MOVES).unwrap(),
             now: Instant::ZERO,
             is_plugged: true,
             goal: None,
@@ -183,6 +183,17 @@ fn distant_follower_approaches_slowly() {
         "{:?}",
         pair.now
     );
+}
+
+#[test]
+fn limits_without_a_motion_are_refused() {
+    let limits = Limits {
+        speeds: [Speed::new(49).unwrap(); JOINTS],
+        ..Limits::FOLLOW
+    };
+    let refused = Follow::new(limits, Start::Approach, Rate::MOVES).unwrap_err();
+    let text = "joint speed (an arm may take less than 50 ticks/s for 0) is 49 ticks/s, must be 50..=5000";
+    assert_eq!(refused.to_string(), text);
 }
 
 #[test]
@@ -350,7 +361,7 @@ fn unanswered_start_sends_nothing() {
 #[test]
 fn pose_out_of_range_counts_as_missing() {
     for is_leader in [true, false] {
-        let mut follow = Follow::new(Limits::FOLLOW, Start::Approach, Rate::MOVES);
+        let mut follow = Follow::new(Limits::FOLLOW, Start::Approach, Rate::MOVES).unwrap();
         let good = JointState {
             joints: [2_048; JOINTS],
             gripper: 0,
