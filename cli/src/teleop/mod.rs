@@ -70,6 +70,8 @@ fn step(text: &str) -> Result<u16, String> {
 
 impl Teleop {
     pub(crate) fn run(&self) -> Result<(), Error> {
+        // Limits that do not go together are refused before an arm is asked for anything.
+        let follow = self.decisions()?;
         signals::catch_first()?;
         let mut recorder = Recorder::of_pair(self.mcap.as_deref());
         let leader = Leader::open(&self.leader, self.baud.baud, &recorder)?;
@@ -77,18 +79,10 @@ impl Teleop {
         recorder.create()?;
         print_line(format_args!("{} leads {}; Ctrl-C ends it", self.leader, self.follower))?;
 
-        let limits = Limits {
-            speeds: [self.max_speed; JOINTS],
-            step: self.max_step,
-        };
-        let start = match self.no_approach {
-            true => Start::Refuse,
-            false => Start::Approach,
-        };
         let mut session = Session {
             leader,
             recorder: &mut recorder,
-            follow: Follow::new(limits, start, self.rate).map_err(|error| Error::Usage(error.to_string()))?,
+            follow,
             clock: Stopwatch::start(),
             sums: Sums::default(),
             status: self.status.line(),
@@ -108,6 +102,20 @@ impl Teleop {
         let summed = print_line(sums.text(clock.now()));
         // The stop is recorded, too.
         ended.and(summed).and(recorder.finish())
+    }
+
+    /// The decisions of teleoperation within these limits.
+    fn decisions(&self) -> Result<Follow, Error> {
+        let limits = Limits {
+            speeds: [self.max_speed; JOINTS],
+            step: self.max_step,
+        };
+        let start = match self.no_approach {
+            true => Start::Refuse,
+            false => Start::Approach,
+        };
+        let refused = |refusal| Error::Usage(format!("{refusal} (--rate, --max-step, --max-speed)"));
+        Follow::new(limits, start, self.rate).map_err(refused)
     }
 
     /// Opens the follower and reads it, which must have torque.

@@ -15,7 +15,9 @@ use armwire_sim::serial::SerialDevice;
 use rustix::process::{Pid, Signal, kill_process};
 
 use crate::common::terminal::Terminal;
-use crate::common::{Arm, NO_ANSWER, PROGRAM, TIMEOUT, failure, finish, free_path, retry_while, run, start, success};
+use crate::common::{
+    Arm, NO_ANSWER, PROGRAM, TIMEOUT, failure, finish, free_path, retry_while, run, start, success, usage,
+};
 
 /// A virtual arm on a pty, in real time.
 struct Served {
@@ -229,6 +231,14 @@ fn distant_arms_are_refused_if_so_asked() {
         stderr.contains("joint 6 of the follower is 20° away from the leader's"),
         "{stderr}"
     );
+}
+
+#[test]
+fn rate_slower_than_the_speed_is_refused_without_the_arms() {
+    let stderr = usage(&["teleop", "/dev/absent", "/dev/absent", "--rate", "10"]);
+    let line = "armwire: steps of 4.9° at 10 Hz are 49°/s, slower than the limit of 90°/s: 19 Hz would do \
+                (--rate, --max-step, --max-speed)";
+    assert_eq!(stderr.trim_end(), line);
 }
 
 #[test]

@@ -118,6 +118,48 @@ impl fmt::Display for End {
 
 impl error::Error for End {}
 
+/// The reason why no follower can follow within its limits.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum Refusal {
+    /// A joint does not move within the limits.
+    Limits(OutOfRange),
+    /// Steps at this rate are slower than the limit of the speed.
+    Rate {
+        /// The rate.
+        rate: Rate,
+        /// The maximum distance between two goals, in degrees.
+        step: f64,
+        /// The limit of the speed, in degrees per second.
+        max: f64,
+        /// The least rate that would do, if one does.
+        needed: Option<Rate>,
+    },
+}
+
+impl fmt::Display for Refusal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            Self::Limits(error) => error.fmt(f),
+            Self::Rate {
+                rate,
+                step,
+                max,
+                needed,
+            } => {
+                let (hertz, speed) = (rate.hertz(), step * f64::from(rate.hertz()));
+                write!(
+                    f,
+                    "steps of {step:.1}° at {hertz} Hz are {speed:.0}°/s, slower than the limit of {max:.0}°/s: "
+                )?;
+                Rate::write_needed(needed, f)
+            }
+        }
+    }
+}
+
+impl error::Error for Refusal {}
+
 /// A follower that follows a leader.
 ///
 /// [`poll`](Self::poll) returns moves, a period apart, whose goals stay within the [`Limits`]. Readings of both arms go in
@@ -185,9 +227,20 @@ impl Follow {
     ///
     /// # Errors
     ///
-    /// [`OutOfRange`] for limits within which a joint does not move: a speed under [`Speed::SLOWEST`](armwire::ling::Speed::SLOWEST), or a step of 0.
-    pub fn new(limits: Limits, start: Start, rate: Rate) -> Result<Self, OutOfRange> {
-        limits.check()?;
+    /// [`Refusal`] for limits within which a joint does not move: a speed under
+    /// [`Speed::SLOWEST`](armwire::ling::Speed::SLOWEST), or a step of 0. And for a rate at which the steps are slower than
+    /// the speeds: the follower would fall behind.
+    pub fn new(limits: Limits, start: Start, rate: Rate) -> Result<Self, Refusal> {
+        limits.check().map_err(Refusal::Limits)?;
+        let needed = limits.least_rate();
+        if needed.is_none_or(|needed| rate.hertz() < needed.hertz()) {
+            return Err(Refusal::Rate {
+                rate,
+                step: degrees(limits.step.into()),
+                max: degrees(limits.fastest().ticks_per_second().into()),
+                needed,
+            });
+        }
         let silence = SilenceLimit::PAUSE.at(rate.micros());
         Ok(Self {
             engine: Engine::new(rate, silence, [None; AXES]),

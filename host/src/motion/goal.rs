@@ -6,6 +6,7 @@ use armwire::ling::{GripperSpeed, JOINTS, Move, Speed};
 use armwire::time::{Duration, Instant};
 
 use crate::motion::axes::{self, AXES, Axes, Off, Ticks, Tolerance, off, opening, position, seconds, with_gripper};
+use crate::time::rate::Rate;
 
 /// The gripper's speed in [`Way::At`], as the vendor's software always sends it. The setpoints of a trajectory limit the
 /// gripper: at [`GripperSpeed::DEFAULT`] it would be late.
@@ -50,6 +51,17 @@ impl Limits {
             0 => Err(OutOfRange::new("distance between two goals", "ticks", 0, 1, u16::MAX)),
             _ => Ok(()),
         }
+    }
+
+    /// The least rate at which goals a step apart have the speeds; `None` if no rate is fast enough.
+    pub(crate) fn least_rate(&self) -> Option<Rate> {
+        let hertz = (self.step > 0).then(|| self.fastest().ticks_per_second().div_ceil(self.step))?;
+        Rate::new(hertz).ok()
+    }
+
+    /// The highest of the speeds.
+    pub(crate) fn fastest(&self) -> Speed {
+        self.speeds.into_iter().fold(Speed::SLOWEST, Speed::max)
     }
 
     /// Those on the way to a motion: 20°/s at most.

@@ -1,5 +1,6 @@
 //! The rate of readings, or of moves.
 
+use std::fmt;
 use std::time::Duration;
 
 use armwire::{OutOfRange, time};
@@ -35,6 +36,14 @@ impl Rate {
     /// The time between two of them.
     pub fn period(self) -> Duration {
         Duration::from_secs(1) / self.0.into()
+    }
+
+    /// Writes that this rate would do, or that none would.
+    pub(crate) fn write_needed(needed: Option<Self>, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match needed {
+            Some(Self(hertz)) => write!(f, "{hertz} Hz would do"),
+            None => write!(f, "no rate up to {} Hz would do", Self::MAX),
+        }
     }
 
     /// The time between two of them, in whole microseconds.

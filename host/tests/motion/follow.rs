@@ -197,6 +197,14 @@ fn limits_without_a_motion_are_refused() {
 }
 
 #[test]
+fn steps_slower_than_the_speed_are_refused_with_the_rate_that_does() {
+    let follow = |hertz| Follow::new(Limits::FOLLOW, Start::Approach, Rate::new(hertz).unwrap());
+    let text = "steps of 4.9° at 10 Hz are 49°/s, slower than the limit of 90°/s: 19 Hz would do";
+    assert_eq!(follow(10).unwrap_err().to_string(), text);
+    assert!(follow(18).is_err() && follow(19).is_ok());
+}
+
+#[test]
 fn distant_follower_is_refused_if_so_asked() {
     let mut pair = Pair::new(Start::Refuse, Rates::NONE);
     pair.push(2_148.0);

@@ -150,10 +150,7 @@ impl fmt::Display for Refusal {
                     "joint {joint} moves by {degrees:.1}° within {within:.0} ms at {at:.2} s, and steps of {step:.1}° at \
                      {hertz} Hz are slower: "
                 )?;
-                match needed {
-                    Some(needed) => write!(f, "{} Hz would do", needed.hertz()),
-                    None => write!(f, "no rate up to {} Hz would do", Rate::MAX),
-                }
+                Rate::write_needed(needed, f)
             }
             Self::Gap {
                 at,
