@@ -13,9 +13,6 @@ use crate::line_coding::{LineCoding, UartConfig};
 pub const MAX_FRAME: usize = 70;
 const _: () = assert!(MAX_FRAME == armwire::ling::MAX_FRAME);
 
-/// The length of a move of a Ling arm, in bytes: a target and a speed for each joint and the gripper.
-const MOVE: usize = ling::OVERHEAD + 4 * (ling::JOINTS + 1);
-
 /// The expectation on a line of any kind: only Alpha1's frames need one.
 pub type Expect = alpha1::Expect;
 
@@ -82,15 +79,6 @@ impl ArmKind {
     /// Returns true if `frame` switches the torque on and leaves the arm where it is.
     pub(crate) fn is_torque_on(self, frame: &[u8]) -> bool {
         self == Self::Ling && frame == ling::TORQUE_ON
-    }
-
-    /// The gripper's goal in a motion request, in thousandths of the stroke. `None` if it has none.
-    pub(crate) fn gripper_goal(self, motion: &[u8]) -> Option<u16> {
-        match (self, motion) {
-            // The last axis of a move: its target and its speed, before the checksum and the terminator.
-            (Self::Ling, &[.., low, high, _, _, _, _]) if motion.len() == MOVE => Some(u16::from_le_bytes([low, high])),
-            _ => None,
-        }
     }
 
     /// Returns true if `bytes` are exactly one frame from a host.

@@ -173,6 +173,7 @@ mod stop {
         let Stopped::AtRest {
             state,
             grip: Grip::Goal,
+            ..
         } = stopped
         else {
             panic!("{stopped:?}");

@@ -137,7 +137,7 @@ fn interrupt_stops_the_arm_that_moves() {
             panic!("the motion is not interrupted");
         };
         assert_eq!(reason.to_string(), "Ctrl-C");
-        let Stopped::AtRest { state, grip } = stopped else {
+        let Stopped::AtRest { state, grip, .. } = stopped else {
             panic!("its torque is on");
         };
         assert_eq!(grip, Grip::Goal);

@@ -1,7 +1,10 @@
 //! Stopping a Ling arm.
 
+use armwire::ling::arrival::Deviations;
 use armwire::ling::stop::{Grip, Output, StopError, Stopped};
-use armwire::ling::{GripperSpeed, JointState, MotionStatus, Move, Opening, Position, Request, Speed, Stop, Torque};
+use armwire::ling::{
+    GripperSpeed, JointState, MotionStatus, Move, Opening, Position, Request, Rest, Speed, Stop, Torque,
+};
 use armwire::time::{Duration, Instant};
 
 /// An arm with one moving joint, in virtual time.
@@ -14,6 +17,8 @@ struct Arm {
     status: MotionStatus,
     /// Number of moves that get lost.
     lost: usize,
+    /// It does what another program wants.
+    is_driven: bool,
     moves: Vec<Move>,
     torques: Vec<Torque>,
 }
@@ -27,6 +32,7 @@ impl Arm {
             gripper: 300,
             status: MotionStatus::Locked,
             lost: 0,
+            is_driven: false,
             moves: Vec::new(),
             torques: Vec::new(),
         }
@@ -42,14 +48,29 @@ impl Arm {
         }
     }
 
+    /// The number of different poses in the moves.
+    fn setpoints(&self) -> usize {
+        let mut poses: Vec<_> = self
+            .moves
+            .iter()
+            .map(|target| target.joints.map(|(at, _)| at))
+            .collect();
+        poses.dedup();
+        poses.len()
+    }
+
     fn pass(&mut self, span: Duration) {
         self.position += self.speed * span.as_micros() as f32 / 1e6;
         self.now += span;
     }
 
-    /// Runs a stop to its end. A call takes 5 ms.
+    /// Runs a stop to its end.
     fn stop(&mut self, gripper: Option<Opening>) -> Result<Stopped, StopError> {
-        let mut stop = Stop::new(gripper);
+        self.run(Stop::new(gripper))
+    }
+
+    /// Runs a stop to its end. A call takes 5 ms.
+    fn run(&mut self, mut stop: Stop) -> Result<Stopped, StopError> {
         loop {
             match stop.poll(self.now) {
                 Output::Request(Request::ReadJoints) => {
@@ -60,7 +81,7 @@ impl Arm {
                 Output::Request(Request::Move(target)) => {
                     self.pass(Duration::from_millis(1));
                     self.moves.push(target);
-                    if self.moves.len() > self.lost {
+                    if self.moves.len() > self.lost && !self.is_driven {
                         self.speed = 0.0;
                         self.position = f32::from(target.joints[2].0.ticks());
                     }
@@ -84,18 +105,21 @@ fn moving_arm_stops_at_its_reading() {
     let goal = Opening::new(0).ok();
     let stopped = arm.stop(goal);
     let state = arm.state();
+    let deviations = Deviations([0; 6]);
+    let grip = Grip::Goal;
     assert_eq!(
         stopped,
         Ok(Stopped::AtRest {
             state,
-            grip: Grip::Goal
+            deviations,
+            grip
         })
     );
-    assert_eq!(arm.moves.len(), 1);
     assert!(arm.moves[0].are_joints_reached_by(&state));
+    assert_eq!(arm.setpoints(), 1);
     assert_eq!(arm.moves[0].gripper.0, Opening::CLOSED);
     assert_eq!(arm.torques, [Torque::On]);
-    assert!(arm.now.since(began) < Duration::from_millis(200));
+    assert!(arm.now.since(began) < Duration::from_millis(300));
 }
 
 #[test]
@@ -111,12 +135,87 @@ fn unknown_gripper_goal_is_the_reading() {
 }
 
 #[test]
-fn lost_move_is_sent_again() {
+fn lost_setpoint_is_repeated_unchanged() {
+    for lost in 0..8 {
+        let mut arm = Arm::moving(200.0);
+        arm.lost = lost;
+        let stopped = arm.stop(None);
+        assert!(matches!(stopped, Ok(Stopped::AtRest { .. })), "{lost}: {stopped:?}");
+        assert_eq!(arm.setpoints(), 1);
+        assert_eq!(arm.state().joints[2], arm.moves[0].joints[2].0.ticks());
+    }
+}
+
+#[test]
+fn way_back_is_no_faster_than_the_motion() {
     let mut arm = Arm::moving(1_000.0);
-    arm.lost = 1;
-    assert!(matches!(arm.stop(None), Ok(Stopped::AtRest { .. })));
-    assert_eq!(arm.moves.len(), 2);
-    assert!(arm.moves[1].joints[2].0 > arm.moves[0].joints[2].0);
+    arm.lost = 6;
+    arm.stop(None).unwrap();
+    let speeds = arm.moves.iter().map(|target| target.joints[2].1.ticks_per_second());
+    // The sixth comes 0.5 s later, the seventh 1 s later.
+    let speeds: Vec<_> = speeds.skip(5).collect();
+    assert!(speeds.iter().all(|speed| (950..=1_050).contains(speed)), "{speeds:?}");
+}
+
+#[test]
+fn standing_arm_is_held_at_its_known_goal() {
+    for (way, is_held) in [(0, true), (40, true), (41, false)] {
+        let mut arm = Arm::moving(0.0);
+        let mut goal = Move {
+            joints: [(Position::CENTRE, Speed::MAX); 6],
+            gripper: (Opening::CLOSED, GripperSpeed(1000)),
+        };
+        goal.joints[2].0 = Position::new(1_000 + way).unwrap();
+        // It rests where it is.
+        arm.is_driven = true;
+        let stopped = arm.run(Stop::after(&goal));
+        let expected = if is_held { 1_000 + way } else { 1_000 };
+        assert_eq!((arm.setpoints(), arm.moves[0].joints[2].0.ticks()), (1, expected));
+        let Ok(Stopped::AtRest { deviations, .. }) = stopped else {
+            panic!("{stopped:?}");
+        };
+        assert_eq!(deviations.0[2], 1_000 - i32::from(expected));
+    }
+}
+
+#[test]
+fn arm_that_passes_its_known_goal_is_held_at_a_reading() {
+    let mut arm = Arm::moving(500.0);
+    let mut goal = Move {
+        joints: [(Position::CENTRE, Speed::MAX); 6],
+        gripper: (Opening::CLOSED, GripperSpeed(1000)),
+    };
+    goal.joints[2].0 = Position::new(1_010).unwrap();
+    assert!(matches!(arm.run(Stop::after(&goal)), Ok(Stopped::AtRest { .. })));
+    let held = arm.moves[0].joints[2].0.ticks();
+    assert!((1_051..1_070).contains(&held), "{held}");
+}
+
+#[test]
+fn joint_that_obeyed_and_leaves_is_moved_by_another() {
+    let mut arm = Arm::moving(0.0);
+    let mut stop = Stop::new(None);
+    let (mut moves, mut at) = (0, arm.now);
+    let error = loop {
+        match stop.poll(arm.now) {
+            Output::Request(Request::ReadJoints) => {
+                stop.on_joints(arm.now, &arm.state());
+                // It has stood for 160 ms.
+                if arm.now.since(at) > Duration::from_millis(160) {
+                    arm.speed = 500.0;
+                }
+            }
+            Output::Request(Request::Move(_)) => {
+                moves += 1;
+                at = if moves == 1 { arm.now } else { at };
+            }
+            Output::Request(other) => panic!("{other:?}"),
+            Output::Wait(until) => arm.pass(until.since(arm.now)),
+            Output::Done(result) => break result.unwrap_err(),
+        }
+    };
+    assert_eq!(error, StopError::MovedByAnother { joint: 3 });
+    assert_eq!(moves, 5, "it is not fought");
 }
 
 #[test]
@@ -130,7 +229,6 @@ fn returning_joint_does_not_leave_the_pose() {
     // 48 ticks to the pose, in 240 ms.
     (arm.position, arm.speed) = (2_000.0, 200.0);
     let mut stop = Stop::at(pose);
-    assert_eq!(stop.poll(arm.now), Output::Request(Request::Move(pose)));
     let mut requests = Vec::new();
     while !matches!(requests.last(), Some(Request::SetTorque(_))) {
         match stop.poll(arm.now) {
@@ -143,16 +241,19 @@ fn returning_joint_does_not_leave_the_pose() {
             arm.speed = 0.0;
         }
     }
-    assert_eq!(requests, [Request::SetTorque(Torque::On)]);
+    requests.dedup();
+    let expected = [Request::Move(pose), Request::SetTorque(Torque::On)];
+    assert_eq!(requests, expected);
+    assert_eq!(arm.state().joints[2], 2048);
 }
 
 #[test]
-fn sagging_within_tolerance_sends_nothing_again() {
+fn sinking_arm_gets_no_other_setpoint() {
     let mut arm = Arm::moving(0.0);
-    arm.lost = usize::MAX;
+    arm.is_driven = true;
     arm.speed = 10.0;
-    arm.stop(None).unwrap();
-    assert_eq!(arm.moves.len(), 1);
+    assert!(matches!(arm.stop(None), Ok(Stopped::AtRest { .. })));
+    assert_eq!(arm.setpoints(), 1);
 }
 
 #[test]
@@ -171,7 +272,7 @@ fn overheating_arm_is_held_without_torque_on() {
     let mut arm = Arm::moving(100.0);
     arm.status = MotionStatus::Overheating;
     assert!(matches!(arm.stop(None), Ok(Stopped::AtRest { .. })));
-    assert!(arm.moves.len() == 1 && arm.torques.is_empty());
+    assert!(arm.setpoints() == 1 && arm.torques.is_empty());
 }
 
 #[test]
@@ -182,23 +283,25 @@ fn arm_that_moves_on_is_an_error() {
     assert!(arm.torques.is_empty());
 }
 
+/// How long an arm has been at rest by readings of joint 3 at these times.
+fn rest(readings: &[(u64, u16)]) -> Result<Duration, u8> {
+    let mut rest = Rest::new();
+    let readings = readings.iter().map(|(millis, ticks)| {
+        let joints = [0, 0, *ticks, 0, 0, 0];
+        rest.on_joints(Instant::from_millis(*millis), &joints)
+    });
+    readings.last().unwrap()
+}
+
 #[test]
-fn two_ticks_in_100_ms_are_motion() {
-    for (speed, rests) in [(9.0, true), (25.0, false)] {
-        let mut stop = Stop::new(None);
-        let mut arm = Arm::moving(speed);
-        let mut is_at_rest = false;
-        let end = arm.now + Duration::from_millis(150);
-        while arm.now < end && !is_at_rest {
-            match stop.poll(arm.now) {
-                Output::Request(Request::ReadJoints) => stop.on_joints(arm.now, &arm.state()),
-                Output::Wait(until) => arm.pass(until.since(arm.now)),
-                Output::Request(Request::Move(_)) => {}
-                _ => is_at_rest = true,
-            }
-        }
-        assert_eq!(is_at_rest, rests, "{speed}");
-    }
+fn rest_is_readings_within_three_ticks_without_a_gap() {
+    let millis = |millis| Ok(Duration::from_millis(millis));
+    assert_eq!(rest(&[(0, 500), (100, 503), (200, 500)]), millis(200));
+    assert_eq!(rest(&[(0, 500), (100, 502), (200, 504)]), Err(3));
+    assert_eq!(rest(&[(0, 500), (100, 504), (200, 504)]), millis(100));
+    assert_eq!(rest(&[(0, 500), (150, 500), (300, 500)]), millis(300));
+    // It may have left and returned.
+    assert_eq!(rest(&[(0, 500), (151, 500), (200, 500)]), millis(49));
 }
 
 #[test]

@@ -156,7 +156,7 @@ impl LingPort {
         let gripper = opening(gripper)?;
         self.0.with(py, |arm| {
             let (state, is_reading) = match arm.stop_interruptibly(gripper)? {
-                Stopped::AtRest { state, grip } => (state, grip == Grip::Reading),
+                Stopped::AtRest { state, grip, .. } => (state, grip == Grip::Reading),
                 Stopped::WithoutTorque(state) => (state, false),
             };
             Ok((joints(state), extra(arm), is_reading))

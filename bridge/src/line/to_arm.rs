@@ -49,8 +49,8 @@ impl Line {
             guard,
         };
         let burst = outbox.next_burst(view, out, now)?;
-        if burst.is_motion() {
-            guard.stop.on_motion(*kind, out.get(..burst.len).unwrap_or_default());
+        if burst.changes_arm() {
+            guard.stop.on_change(*kind, out.get(..burst.len).unwrap_or_default());
         }
         Some(burst)
     }
@@ -108,8 +108,8 @@ impl Line {
             rest = rest.saturating_sub(taken);
             while let Some(request) = outbox.next_host_request(*kind, is_at_arms_rate, journal) {
                 let is_motion = request.is_motion();
-                if is_motion {
-                    guard.stop.on_motion(*kind, request.bytes);
+                if request.changes_arm() {
+                    guard.stop.on_change(*kind, request.bytes);
                 }
                 guard.host_requested(is_motion, kind.is_torque_on(request.bytes), now);
                 let behind = byte_time.times(rest.saturating_add(request.behind));

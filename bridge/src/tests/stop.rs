@@ -8,7 +8,7 @@ use std::rc::Rc;
 use std::vec;
 use std::vec::Vec;
 
-use armwire::ling::{self, GripperSpeed, JOINTS, Ling, Move, Opening, Position, Speed};
+use armwire::ling::{self, GripperSpeed, JOINTS, Ling, Move, Opening, Position, Speed, TemperatureLimit};
 use armwire::messages::Messages;
 use armwire::{alpha1, ling::READ_JOINTS};
 
@@ -59,7 +59,7 @@ fn frame(request: ling::Request) -> Vec<u8> {
 fn hold(pose: Pose, opening: u16) -> Vec<u8> {
     let [joints @ .., _] = pose;
     let target = Move {
-        joints: joints.map(|ticks| (Position::new(ticks).unwrap(), Speed::new(500).unwrap())),
+        joints: joints.map(|ticks| (Position::new(ticks).unwrap(), Speed::new(2_000).unwrap())),
         gripper: (Opening::new(opening).unwrap(), GripperSpeed(1_000)),
     };
     frame(ling::Request::Move(target))
@@ -102,10 +102,16 @@ fn rig(config: Config) -> Rig {
     rig
 }
 
-/// The bursts to the arm without the readings of the stop, which are 20 ms apart.
+/// The bursts to the arm without the readings of the stop, which are 20 ms apart, and without the repetitions of a hold.
 fn sent(rig: &Rig) -> Vec<Vec<u8>> {
-    let bursts = rig.sent.iter().map(|(_, bytes)| bytes.clone());
-    bursts.filter(|bytes| *bytes != READ_JOINTS).collect()
+    let mut sent = Vec::new();
+    for (_, bytes) in &rig.sent {
+        let is_hold = bytes.starts_with(&[0xAA, 0x06, 0x03]) && bytes[6..8] == 2_000_u16.to_le_bytes();
+        if *bytes != READ_JOINTS && !(is_hold && sent.contains(bytes)) {
+            sent.push(bytes.clone());
+        }
+    }
+    sent
 }
 
 fn stopped(initiator: Initiator) -> Event {
@@ -178,18 +184,61 @@ fn stop_holds_pose_and_last_gripper_goal() {
 }
 
 #[test]
-fn hold_is_sent_again_if_the_arm_leaves() {
+fn hold_is_repeated_and_never_changed() {
     let pose = |joint| {
         let mut pose = POSE;
         pose[1] = joint;
         pose
     };
     let mut rig = rig(config());
-    let readings = [2000, 2001, 2003, 2004].map(|joint| (pose(joint), LOCKED));
+    // The arm sags in the hold.
+    let readings = [2000, 1990, 1985, 1980].map(|joint| (pose(joint), LOCKED));
     rig.responder = Box::new(arm(readings.to_vec()));
     rig.request(Request::Stop);
+    rig.run(3_000_000);
+    assert_eq!(sent(&rig), [hold(pose(2000), 310)]);
+    let holds = rig.sent.iter().filter(|(_, bytes)| *bytes != READ_JOINTS).count();
+    assert_eq!(holds, 5);
+}
+
+/// Returns the hold of a stop, after these requests to an arm that stands near its last goal.
+fn hold_after(requests: &[Vec<u8>]) -> Vec<u8> {
+    let mut rig = rig(Config::default());
+    rig.responder = Box::new(arm(vec![([2040; JOINTS + 1], LOCKED)]));
+    for request in requests {
+        rig.usb_out.extend(request);
+        rig.run(10_000);
+    }
+    rig.run(REFUSAL);
+    rig.sent.clear();
+    rig.request(Request::Stop);
     rig.run(1_000_000);
-    assert_eq!(sent(&rig), [hold(pose(2000), 310), hold(pose(2004), 310)]);
+    let holds = sent(&rig);
+    assert_eq!(holds.len(), 1);
+    holds[0].clone()
+}
+
+#[test]
+fn standing_arm_is_held_at_its_known_goal() {
+    let (goal, here) = (hold([2048; JOINTS + 1], 250), |gripper| {
+        hold([2040; JOINTS + 1], gripper)
+    });
+    let set_zero = ling(0x03, 0, &[0xFE]);
+    let limit = frame(ling::Request::SetTemperatureLimit(TemperatureLimit::new(60).unwrap()));
+    assert_eq!(hold_after(&[motion_with_gripper(250)]), goal);
+    assert_eq!(
+        hold_after(&[motion_with_gripper(250), limit, ling::TORQUE_ON.to_vec()]),
+        goal
+    );
+    // The goal is not known any more.
+    for forgotten in [ling::TORQUE_OFF.to_vec(), set_zero] {
+        assert_eq!(hold_after(&[motion_with_gripper(250), forgotten]), here(1000));
+    }
+    let mut undecodable = motion_with_gripper(250);
+    let data_len = undecodable.len() - ling::OVERHEAD;
+    undecodable[4..6].copy_from_slice(&[0xFF, 0xFF]);
+    let undecodable = ling(0x06, 3, &undecodable[4..4 + data_len]);
+    assert_eq!(hold_after(&[motion_with_gripper(250), undecodable]), here(1000));
 }
 
 /// Hosts that wait for the line, which a self-check of another has for 500 ms: bytes and a half request on USB, a full
@@ -562,7 +611,7 @@ fn flash_is_not_written_during_a_stop() {
     for request in [Request::SaveConfig, Request::ResetConfig] {
         assert_eq!(rig.call(request), Reply::Failed(Failure::Busy));
     }
-    rig.run(200_000);
+    rig.run(400_000);
     rig.request(Request::SaveConfig);
     assert_eq!(rig.actions.len(), 1);
 }
@@ -613,11 +662,11 @@ fn repeated_stop_takes_the_line_too() {
         .sum();
     assert_eq!(rig.bauds.last(), Some(&9_600));
     rig.request(Request::Stop);
-    rig.run(20_000);
-    assert_eq!(
-        (rig.bauds.last(), rig.sent.last().unwrap().1.clone()),
-        (Some(&1_000_000), hold(POSE, 310))
-    );
+    // It stands at its goal, the last hold.
+    rig.run(150_000);
+    let last = rig.sent.iter().rev().find(|(_, bytes)| *bytes != READ_JOINTS);
+    assert_eq!(rig.bauds.last(), Some(&1_000_000));
+    assert_eq!(last.unwrap().1, hold(POSE, 310));
     assert_eq!(rig.bridge.counters().refused_rate_bytes as usize, 303 - sent);
 }
 
@@ -630,7 +679,8 @@ fn repeated_stop_renews_the_refusal() {
     rig.run(REFUSAL - 1_000);
     assert_eq!(rig.replies.last(), Some(&(sequence, Reply::Done)));
     // The arm was at rest: it is held anew.
-    assert_eq!(sent(&rig).len(), 2);
+    let holds = rig.sent.iter().filter(|(_, bytes)| *bytes == hold(POSE, 310)).count();
+    assert_eq!((holds, sent(&rig).len()), (10, 1));
     for refused in [true, false] {
         rig.can_out.push_back(motion());
         rig.run(5_000);

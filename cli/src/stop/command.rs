@@ -23,6 +23,10 @@ pub(crate) struct StopArm {
     /// and a grip may loosen.
     #[arg(long, value_name = "PERCENT", allow_hyphen_values = true, value_parser = opening)]
     gripper: Option<Opening>,
+    /// Hold the arm at its reading, not at its last goal: an arm that presses against something gives way. The request
+    /// goes by the arm's port: an adapter holds the last goal.
+    #[arg(long = "yield")]
+    yields: bool,
 }
 
 impl StopArm {
@@ -55,7 +59,7 @@ impl StopArm {
 
     fn stop(&self) -> Result<(), Error> {
         let connection = self.place.connect()?;
-        match self.by_adapter(&connection)? {
+        match !self.yields && self.by_adapter(&connection)? {
             true => Ok(()),
             false => self
                 .on_line(&connection)
@@ -94,6 +98,7 @@ impl StopArm {
     /// Stops the arm by requests on its line.
     fn on_line(&self, connection: &Connection) -> Result<(), Error> {
         match self.place.arm {
+            LiveArm::Alpha1 if self.yields => Err(Error::Usage("--yield does not apply to an alpha1".to_owned())),
             LiveArm::Alpha1 if self.gripper.is_some() => {
                 Err(Error::Usage("--gripper does not apply to an alpha1".to_owned()))
             }
@@ -103,7 +108,10 @@ impl StopArm {
     }
 
     fn ling(&self, arm: &mut Ling) -> Result<(), Error> {
-        let stopped = arm.stop(self.gripper)?;
+        let stopped = match self.yields {
+            true => arm.stop_and_yield(self.gripper),
+            false => arm.stop(self.gripper),
+        }?;
         print_line(show(&stopped))?;
         if let Stopped::AtRest {
             grip: Grip::Reading, ..

@@ -2,11 +2,11 @@
 
 use armwire::ling::stop::Stopped;
 
-/// The end of a stop, in words.
+/// The end of a stop, in words, with the joints that rest away from their setpoint.
 pub(crate) fn show(stopped: &Stopped) -> String {
-    let (what, state) = match *stopped {
-        Stopped::AtRest { state, .. } => ("stopped", state),
-        Stopped::WithoutTorque(state) => ("the torque is off, so nothing was sent", state),
-    };
-    format!("{what}: {state}")
+    match stopped {
+        Stopped::AtRest { state, deviations, .. } if deviations.are_small() => format!("stopped: {state}"),
+        Stopped::AtRest { state, deviations, .. } => format!("stopped: {state}; {deviations}"),
+        Stopped::WithoutTorque(state) => format!("the torque is off, so nothing was sent: {state}"),
+    }
 }

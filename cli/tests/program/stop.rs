@@ -55,7 +55,7 @@ fn stopped_arm_rests_between_start_and_target() {
             drop(arm);
             arm = open(&virtual_arm.port);
         }
-        let Stopped::AtRest { state, grip: held } = arm.stop(None).unwrap() else {
+        let Stopped::AtRest { state, grip: held, .. } = arm.stop(None).unwrap() else {
             panic!("its torque is on");
         };
         assert_eq!(held, grip);

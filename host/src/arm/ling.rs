@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use armwire::ling::effect::{Effect, Outcome};
 use armwire::ling::stop::{Grip, Stopped};
 use armwire::ling::{
-    GripperSpeed, Info, JOINTS, JointState, Move, Opening, PerServo, Position, Request, SelfCheck, Speed, Stroke,
+    GripperSpeed, Info, JOINTS, JointState, Move, Opening, PerServo, Position, Request, SelfCheck, Speed, Stop, Stroke,
     TemperatureLimit, Torque,
 };
 
@@ -52,6 +52,9 @@ pub struct Ling {
     /// The gripper's goal in the last move that was sent. `None` before, and after the torque was off: the gripper then
     /// holds nothing.
     gripper: Option<Opening>,
+    /// The last move that was sent. `None` as for the gripper, and after what may have given the joints another goal: a
+    /// request by the link, silence, a stop that failed.
+    target: Option<Move>,
     /// True if the last reading did not show the torque off. False before the first one, and after the torque was or
     /// may have been switched: the next move reads first.
     may_move: bool,
@@ -80,6 +83,7 @@ impl Connection {
             link: legacy::open(self)?,
             connection: self.clone(),
             gripper: None,
+            target: None,
             may_move: false,
             last: None,
             on_pose: None,
@@ -226,9 +230,9 @@ impl Ling {
         Err(Error::Stopped { name, stopped, reason }.into())
     }
 
-    /// Stops the arm and keeps its torque on, as [`Stop`](armwire::ling::Stop) describes. Takes 2 s at most, and the timeout
-    /// of one read. An omitted gripper gets its last goal, else its reading: a grip may loosen then. The
-    /// [interrupt](Self::set_interrupt) does not end the stop: an interrupted program calls it.
+    /// Stops the arm and keeps its torque on, as [`Stop`] describes. Takes 2 s at most, and the timeout of one read. An
+    /// arm that stands at its last goal is held there. An omitted gripper gets its last goal, else its reading: a grip may
+    /// loosen then. The [interrupt](Self::set_interrupt) does not end the stop: an interrupted program calls it.
     ///
     /// # Errors
     ///
@@ -236,6 +240,17 @@ impl Ling {
     /// request is repeated.
     pub fn stop(&mut self, gripper: Option<Opening>) -> Result<Stopped, Error> {
         self.stop_by(gripper, stop::stop)
+    }
+
+    /// As [`stop`](Self::stop), but an arm that stands is held at its reading: one that presses against something gives
+    /// way. A loaded joint sinks, each time by the distance at which it rests from its goal.
+    ///
+    /// # Errors
+    ///
+    /// As [`stop`](Self::stop).
+    pub fn stop_and_yield(&mut self, gripper: Option<Opening>) -> Result<Stopped, Error> {
+        self.target = None;
+        self.stop(gripper)
     }
 
     /// As [`stop`](Self::stop), but the interrupt ends it, as [`Error::Interrupted`]: the caller has taken the one that the
@@ -273,7 +288,7 @@ impl Ling {
         self.may_move = false;
         self.link.send(&effect.request())?;
         if effect.drops_arm() {
-            self.gripper = None;
+            (self.gripper, self.target) = (None, None);
         }
         Ok(())
     }
@@ -324,6 +339,7 @@ impl Ling {
     /// next one reads the torque first, for a request by the link may switch it.
     pub fn link(&mut self) -> &mut Link<armwire::ling::Ling> {
         self.may_move = false;
+        self.target = None;
         &mut self.link
     }
 
@@ -340,7 +356,7 @@ impl Ling {
         self.last = Some(*state);
         self.may_move = !state.status.is_torque_off();
         if !self.may_move {
-            self.gripper = None;
+            (self.gripper, self.target) = (None, None);
         }
     }
 
@@ -348,7 +364,7 @@ impl Ling {
     fn start(&mut self, target: &Move) -> Result<(), Error> {
         let (gripper, _speed) = target.gripper;
         self.link.send(&Request::Move(*target))?;
-        self.gripper = Some(gripper);
+        (self.gripper, self.target) = (Some(gripper), Some(*target));
         self.last = None;
         Ok(())
     }
@@ -356,13 +372,23 @@ impl Ling {
     fn stop_by(
         &mut self,
         gripper: Option<Opening>,
-        stop: impl FnOnce(&mut Link<armwire::ling::Ling>, Option<Opening>) -> Result<Stopped, Error>,
+        drive: impl FnOnce(&mut Link<armwire::ling::Ling>, &mut Stop) -> Result<Stopped, Error>,
     ) -> Result<Stopped, Error> {
         self.may_move = false;
-        let goal = gripper.or(self.gripper);
-        let stopped = stop(&mut self.link, goal)?;
+        let gripper = gripper.or(self.gripper);
+        let mut stop = match (self.target.take(), gripper) {
+            (Some(mut target), Some(gripper)) => {
+                target.gripper.0 = gripper;
+                Stop::after(&target)
+            }
+            (_, gripper) => Stop::new(gripper),
+        };
+        let stopped = drive(&mut self.link, &mut stop)?;
         match stopped {
-            Stopped::AtRest { .. } => (self.gripper, self.may_move) = (goal, true),
+            Stopped::AtRest { .. } => {
+                (self.gripper, self.may_move) = (gripper, true);
+                self.target = stop.held().copied();
+            }
             Stopped::WithoutTorque(_) => self.gripper = None,
         }
         Ok(stopped)
@@ -371,6 +397,8 @@ impl Ling {
     /// Stops an arm that is silent for this cause.
     fn unanswered(&mut self, cause: Text, gripper: Opening) -> Error {
         let last = self.last;
+        // The arm may have been switched off and on.
+        self.target = None;
         let stopped = self.stop(Some(gripper)).map_err(|error| match error {
             Error::NotStopped { cause, .. } => cause,
             error => error.to_string().into(),
@@ -470,6 +498,7 @@ mod tests {
             link: Link::new(line, Protocol::CONFIG),
             connection: crate::open("/dev/fake").unwrap(),
             gripper: None,
+            target: None,
             may_move: false,
             last: None,
             on_pose: None,
@@ -512,6 +541,7 @@ mod tests {
                     link: Link::new(Box::new(Failing(writes)), armwire::ling::Ling::CONFIG),
                     connection: crate::open("/dev/fake").unwrap(),
                     gripper: Some(Opening::OPEN),
+                    target: None,
                     may_move: false,
                     last: None,
                     on_pose: None,

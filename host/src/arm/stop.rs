@@ -4,7 +4,7 @@ use std::thread;
 use std::time::Duration;
 
 use armwire::ling::stop::{Output, StopError, Stopped};
-use armwire::ling::{Ling, Opening, Request, Response, Stop};
+use armwire::ling::{Ling, Request, Response, Stop};
 use armwire::time;
 
 use crate::error::Error;
@@ -17,15 +17,14 @@ const RETRY_PERIOD: Duration = Duration::from_millis(20);
 
 /// Stops a Ling arm and keeps its torque on, as [`Stop`] describes. Takes 2 s at most, and the timeout of one read.
 ///
-/// `gripper` is the last goal of the gripper that the caller has sent. The link's
-/// [interrupt](Link::set_interrupt) does not end the stop: an interrupted program calls it.
+/// The link's [interrupt](Link::set_interrupt) does not end the stop: an interrupted program calls it.
 ///
 /// # Errors
 ///
 /// [`Error::NotStopped`] if the arm may still move; [`Error::Lost`] and [`Error::Legacy`]. After any other error a
 /// request is repeated.
-pub(crate) fn stop(link: &mut Link<Ling>, gripper: Option<Opening>) -> Result<Stopped, Error> {
-    link.uninterrupted(|link| drive(link, Stop::new(gripper)))
+pub(crate) fn stop(link: &mut Link<Ling>, stop: &mut Stop) -> Result<Stopped, Error> {
+    link.uninterrupted(|link| drive(link, stop))
 }
 
 /// As [`stop`], but the link's interrupt ends it, as [`Error::Interrupted`]: the caller has taken the one that the stop
@@ -34,12 +33,12 @@ pub(crate) fn stop(link: &mut Link<Ling>, gripper: Option<Opening>) -> Result<St
 /// # Errors
 ///
 /// As [`stop`], and [`Error::Interrupted`].
-pub(crate) fn stop_interruptibly(link: &mut Link<Ling>, gripper: Option<Opening>) -> Result<Stopped, Error> {
-    drive(link, Stop::new(gripper))
+pub(crate) fn stop_interruptibly(link: &mut Link<Ling>, stop: &mut Stop) -> Result<Stopped, Error> {
+    drive(link, stop)
 }
 
 /// Makes the requests of `stop` until its end.
-fn drive(link: &mut Link<Ling>, mut stop: Stop) -> Result<Stopped, Error> {
+fn drive(link: &mut Link<Ling>, stop: &mut Stop) -> Result<Stopped, Error> {
     let clock = Stopwatch::start();
     let mut missing = None;
     loop {
@@ -170,7 +169,7 @@ mod tests {
             arm: Device::new(Ling),
             answer: Vec::new(),
         };
-        stop(&mut Link::new(Box::new(line), Ling::CONFIG), None)
+        stop(&mut Link::new(Box::new(line), Ling::CONFIG), &mut Stop::new(None))
     }
 
     /// Returns true for the end of a host's stream.

@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use super::{JOINTS, JointState, Move, TICKS_PER_TURN};
+use super::{JOINTS, JointState, Move, Rest, TICKS_PER_TURN};
 use crate::time::{Duration, Instant};
 
 /// The distances within which an axis has arrived. `None` allows any distance.
@@ -24,6 +24,13 @@ pub struct Away {
     /// The gripper's distance in thousandths of its stroke; `None` if it has arrived.
     pub gripper: Option<u16>,
 }
+
+/// The readings of the joints minus their goals, in ticks. A servo holds a load by its deviation.
+///
+/// Its text has the joints that deviate by more than [`Rest::TOLERANCE`]: `joint 2 rests 0.88° below its goal`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Deviations(pub [i32; JOINTS]);
 
 /// The state of an arrival at a reading.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -91,6 +98,15 @@ impl Move {
         self.away(state, &Tolerances::JOINTS).is_none()
     }
 
+    /// The deviations of a reading from the target.
+    pub fn deviations(&self, state: &JointState) -> Deviations {
+        let mut deviations = [0; JOINTS];
+        for (deviation, ((target, _), ticks)) in deviations.iter_mut().zip(self.joints.iter().zip(state.joints)) {
+            *deviation = i32::from(ticks) - i32::from(target.ticks());
+        }
+        Deviations(deviations)
+    }
+
     /// The axes of this reading that are not at the target.
     pub fn away(&self, state: &JointState, tolerances: &Tolerances) -> Option<Away> {
         let off = |target: u16, at: u16, tolerance: Option<u16>| {
@@ -116,6 +132,14 @@ impl Away {
     /// True if only the gripper has not arrived.
     pub fn is_gripper_only(&self) -> bool {
         self.joints == [None; JOINTS]
+    }
+}
+
+impl Deviations {
+    /// True if no joint deviates by more than [`Rest::TOLERANCE`]. The text is empty.
+    pub fn are_small(&self) -> bool {
+        let Self(ticks) = self;
+        ticks.iter().all(|ticks| ticks.unsigned_abs() <= Rest::TOLERANCE.into())
     }
 }
 
@@ -163,6 +187,23 @@ impl fmt::Display for Away {
             Some(off) => write!(f, "{separator}gripper is {:.1} % off", f32::from(off) / 10.0),
             None => Ok(()),
         }
+    }
+}
+
+impl fmt::Display for Deviations {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self(ticks) = self;
+        let mut separator = "";
+        for (n, ticks) in (1..).zip(ticks) {
+            if ticks.unsigned_abs() <= Rest::TOLERANCE.into() {
+                continue;
+            }
+            let degrees = ticks.unsigned_abs() as f32 * 360.0 / f32::from(TICKS_PER_TURN);
+            let side = if *ticks < 0 { "below" } else { "above" };
+            write!(f, "{separator}joint {n} rests {degrees:.2}° {side} its goal")?;
+            separator = ", ";
+        }
+        Ok(())
     }
 }
 

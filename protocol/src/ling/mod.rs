@@ -23,6 +23,7 @@ mod frame;
 pub mod legacy;
 mod message;
 mod protocol;
+mod rest;
 pub mod stop;
 #[cfg(test)]
 mod tests;
@@ -38,6 +39,7 @@ pub use frame::{
 };
 pub use message::{GripperSpeed, Info, JointState, Move, Request, Response, Torque};
 pub use protocol::Ling;
+pub use rest::Rest;
 pub use stop::Stop;
 pub use value::{
     JOINTS, Kind, MotionStatus, Opening, PerServo, Position, SelfCheck, SerialNumber, Speed, Stroke, TICKS_PER_TURN,

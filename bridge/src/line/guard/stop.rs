@@ -1,7 +1,7 @@
 //! The state of a stop: its steps, and the time without motion.
 
 use armwire::ling::{
-    self, Ling, Opening, Response,
+    self, Ling, Move, Response, Torque,
     stop::{Output, StopError},
 };
 use armwire::messages::Messages;
@@ -26,8 +26,8 @@ pub(crate) struct Stop {
     /// A hold went out.
     has_held: bool,
     result: Option<Result<(), Failure>>,
-    /// The gripper's last goal on the line, in thousandths of the stroke.
-    goal: Option<u16>,
+    /// The last move on the line. `None` before, and after what may have changed the arm's goal.
+    last: Option<Move>,
 }
 
 /// The steps that stop one kind of arm.
@@ -60,13 +60,12 @@ pub(crate) enum Step {
 }
 
 impl Steps {
-    /// `None` if this kind of arm cannot be stopped. `goal` is that of the gripper.
-    fn new(kind: ArmKind, goal: Option<u16>) -> Option<Self> {
+    /// `None` if this kind of arm cannot be stopped. `last` is its last move.
+    fn new(kind: ArmKind, last: Option<&Move>) -> Option<Self> {
         match kind {
-            ArmKind::Ling => {
-                let goal = goal.and_then(|goal| Opening::new(goal).ok());
-                Some(Self::Ling(ling::Stop::new(goal)))
-            }
+            ArmKind::Ling => Some(Self::Ling(
+                last.map_or_else(|| ling::Stop::new(None), ling::Stop::after),
+            )),
             kind => kind.own(OwnRequest::Stop).map(|request| Self::Own(Some(request))),
         }
     }
@@ -120,7 +119,7 @@ impl Stop {
             has_read: false,
             has_held: false,
             result: None,
-            goal: None,
+            last: None,
         }
     }
 
@@ -140,7 +139,7 @@ impl Stop {
 
     /// The steps that would stop this kind of arm. `None` if it cannot be stopped.
     pub(in crate::line) fn steps(&self, kind: ArmKind) -> Option<Steps> {
-        Steps::new(kind, self.goal)
+        Steps::new(kind, self.last.as_ref())
     }
 
     /// Refuses motion from now on, for its time. Returns true if it was not refused before.
@@ -224,7 +223,7 @@ impl Stop {
     pub(in crate::line) fn change_arm(&mut self) -> bool {
         let restarts = self.is_running() && !self.has_held;
         self.end_refusal();
-        self.goal = None;
+        self.last = None;
         restarts
     }
 
@@ -239,9 +238,21 @@ impl Stop {
         Some(self.due.map_or(until, |due| due.min(until)))
     }
 
-    /// Motion goes to the arm by this frame.
-    pub(in crate::line) fn on_motion(&mut self, kind: ArmKind, frame: &[u8]) {
-        self.goal = kind.gripper_goal(frame).or(self.goal);
+    /// A request that changes the arm goes to it.
+    pub(in crate::line) fn on_change(&mut self, kind: ArmKind, request: &[u8]) {
+        if kind != ArmKind::Ling {
+            return;
+        }
+        self.last = match Ling.parse_request(request) {
+            Ok(ling::Request::Move(target)) => Some(target),
+            Ok(
+                ling::Request::SetTorque(Torque::On)
+                | ling::Request::SetStroke(_)
+                | ling::Request::SetTemperatureLimit(_),
+            ) => self.last,
+            // The arm falls, or what it does is not known.
+            _ => None,
+        };
     }
 
     /// Takes a frame of the arm. Returns true if it is a reading. Before the hold any reading of the joints counts, and
@@ -257,10 +268,16 @@ impl Stop {
 
     /// Ends the steps. Only the first result is reported.
     fn end(&mut self, result: Result<(), Failure>) {
-        if self.steps.take().is_some() && !self.has_held {
+        self.due = None;
+        if self.steps.take().is_none() {
+            return;
+        }
+        if result.is_err() {
+            self.last = None;
+        }
+        if !self.has_held {
             self.result = Some(result);
         }
-        self.due = None;
     }
 }
 

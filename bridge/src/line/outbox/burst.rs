@@ -62,9 +62,9 @@ impl Burst {
         }
     }
 
-    /// Returns true for a request that moves the arm, other than of the host on USB.
-    pub(crate) fn is_motion(&self) -> bool {
-        self.info.is_some_and(|info| info.effect == Effect::Motion)
+    /// Returns true for a request that changes the arm, other than of the host on USB.
+    pub(crate) fn changes_arm(&self) -> bool {
+        self.info.is_some_and(|info| info.effect != Effect::Read)
     }
 
     /// The start of the first byte, if the UART was ready at `now`.
