@@ -152,9 +152,12 @@ impl LingPort {
     }
 
     /// The last reading, its extra bytes, and true if the gripper's goal is its reading.
-    fn stop(&self, py: Python<'_>, gripper: Option<u16>) -> PyResult<(Joints, Extra, bool)> {
+    fn stop(&self, py: Python<'_>, gripper: Option<u16>, hold_reading: bool) -> PyResult<(Joints, Extra, bool)> {
         let gripper = opening(gripper)?;
         self.0.with(py, |arm| {
+            if hold_reading {
+                arm.forget_goal();
+            }
             let (state, is_reading) = match arm.stop_interruptibly(gripper)? {
                 Stopped::AtRest { state, grip, .. } => (state, grip == Grip::Reading),
                 Stopped::WithoutTorque(state) => (state, false),

@@ -36,7 +36,7 @@ pub enum ArmwireLingStopStepKind {
     Move,
     /// Switch the torque on. It is on already: for an adapter this ends the host's stream of motion.
     TorqueOn,
-    /// The end: the arm is at rest. (`grip_may_loosen`)
+    /// The end: the arm is at rest. (`grip_may_loosen`, `deviation_ticks`)
     AtRest,
     /// The end: the arm has no torque. Nothing was sent to it.
     WithoutTorque,
@@ -48,6 +48,8 @@ pub enum ArmwireLingStopStepKind {
     Unholdable,
     /// The end: readings came within 2 s, but they do not show the arm at rest. It may still move.
     Unconfirmed,
+    /// The end: a joint came to the hold, and left it. Another program moves the arm. (`joint`)
+    MovedByAnother,
 }
 
 /// The next action of a stop. Members that its kind does not set are 0.
@@ -64,6 +66,8 @@ pub struct ArmwireLingStopStep {
     pub grip_may_loosen: u8,
     /// The joint that moves, from 1.
     pub joint: u8,
+    /// The last reading of each joint minus its setpoint, in ticks. A load is held by it.
+    pub deviation_ticks: [i32; JOINTS],
 }
 
 impl ArmwireLingStopStep {
@@ -80,7 +84,8 @@ impl ArmwireLingStopStep {
             }
             Output::Request(Request::SetTorque(_)) => ArmwireLingStopStepKind::TorqueOn,
             Output::Request(_) => ArmwireLingStopStepKind::ReadJoints,
-            Output::Done(Ok(Stopped::AtRest { grip, .. })) => {
+            Output::Done(Ok(Stopped::AtRest { grip, deviations, .. })) => {
+                step.deviation_ticks = deviations.0;
                 step.grip_may_loosen = (grip == Grip::Reading).into();
                 ArmwireLingStopStepKind::AtRest
             }
@@ -90,6 +95,10 @@ impl ArmwireLingStopStep {
             Output::Done(Err(StopError::Moving { joint })) => {
                 step.joint = joint;
                 ArmwireLingStopStepKind::Moving
+            }
+            Output::Done(Err(StopError::MovedByAnother { joint })) => {
+                step.joint = joint;
+                ArmwireLingStopStepKind::MovedByAnother
             }
             Output::Done(Err(_)) => ArmwireLingStopStepKind::Unholdable,
         };
@@ -126,6 +135,27 @@ pub extern "C" fn armwire_ling_stop_init(
     match opening_per_mille.copied().map(Opening::new).transpose() {
         Ok(gripper) => memory::init(stop, Stop::new(gripper)).into(),
         Err(_) => ArmwireStatus::OutOfRange,
+    }
+}
+
+/// Initializes a stop of an arm whose last move was `last`: if it stands within 40 ticks of that, it is held there, and
+/// does not move. Use `armwire_ling_stop_init` if the arm may have had no torque since then, or another program may have
+/// moved it. `version` is ARMWIRE_VERSION.
+///
+/// ARMWIRE_STATUS_VERSION if header and library differ, ARMWIRE_STATUS_OUT_OF_RANGE for a move out of range.
+#[unsafe(no_mangle)]
+pub extern "C" fn armwire_ling_stop_init_after(
+    stop: Option<&mut ArmwireLingStop>,
+    version: u32,
+    last: Option<&ArmwireLingMove>,
+) -> ArmwireStatus {
+    if version != ARMWIRE_VERSION {
+        return ArmwireStatus::Version;
+    }
+    match last.map(ArmwireLingMove::get) {
+        None => ArmwireStatus::Null,
+        Some(Ok(last)) => memory::init(stop, Stop::after(&last)).into(),
+        Some(Err(_)) => ArmwireStatus::OutOfRange,
     }
 }
 

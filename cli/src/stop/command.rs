@@ -108,10 +108,8 @@ impl StopArm {
     }
 
     fn ling(&self, arm: &mut Ling) -> Result<(), Error> {
-        let stopped = match self.yields {
-            true => arm.stop_and_yield(self.gripper),
-            false => arm.stop(self.gripper),
-        }?;
+        // Here no goal is known: the arm yields.
+        let stopped = arm.stop(self.gripper)?;
         print_line(show(&stopped))?;
         if let Stopped::AtRest {
             grip: Grip::Reading, ..

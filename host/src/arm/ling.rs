@@ -230,6 +230,12 @@ impl Ling {
         Err(Error::Stopped { name, stopped, reason }.into())
     }
 
+    /// Forgets the joints' goal: the next stop holds an arm that stands at its reading, and one that presses against
+    /// something gives way. A loaded joint sinks then, by the distance at which it rests from its goal.
+    pub fn forget_goal(&mut self) {
+        self.target = None;
+    }
+
     /// Stops the arm and keeps its torque on, as [`Stop`] describes. Takes 2 s at most, and the timeout of one read. An
     /// arm that stands at its last goal is held there. An omitted gripper gets its last goal, else its reading: a grip may
     /// loosen then. The [interrupt](Self::set_interrupt) does not end the stop: an interrupted program calls it.
@@ -240,17 +246,6 @@ impl Ling {
     /// request is repeated.
     pub fn stop(&mut self, gripper: Option<Opening>) -> Result<Stopped, Error> {
         self.stop_by(gripper, stop::stop)
-    }
-
-    /// As [`stop`](Self::stop), but an arm that stands is held at its reading: one that presses against something gives
-    /// way. A loaded joint sinks, each time by the distance at which it rests from its goal.
-    ///
-    /// # Errors
-    ///
-    /// As [`stop`](Self::stop).
-    pub fn stop_and_yield(&mut self, gripper: Option<Opening>) -> Result<Stopped, Error> {
-        self.target = None;
-        self.stop(gripper)
     }
 
     /// As [`stop`](Self::stop), but the interrupt ends it, as [`Error::Interrupted`]: the caller has taken the one that the

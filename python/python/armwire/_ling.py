@@ -292,15 +292,18 @@ class Ling(Open):
         speeds = speed_ticks(speed_rad_s, RAD_PER_TICK, "rad/s")
         self._move(ticks, speeds, gripper_permille, gripper_ticks_s)
 
-    def stop(self, *, gripper_permille: int | None = None) -> JointState:
-        """Stop the arm where it is and keep its torque on. It takes 0.1 s at rest, and 2.5 s at most.
+    def stop(self, *, gripper_permille: int | None = None, hold_reading: bool = False) -> JointState:
+        """Stop the arm where it is and keep its torque on. It takes 0.3 s at rest, and 2.5 s at most.
 
         The arm has no request for this: it gets its own pose as the target of a move, which ends the motion in
-        progress. At rest, torque-on follows: an adapter then ends the stream of this host. An arm without torque is
-        sent nothing. **This is not an emergency stop**: keep a switch in the arm's supply. A later move, of another
-        thread or program, moves the arm again.
+        progress. That target is repeated, and never changed. An arm that stands within 3.5° of the last target of this
+        object keeps that target, and does not move. At rest, torque-on follows: an adapter then ends the stream of this
+        host. An arm without torque is sent nothing. **This is not an emergency stop**: keep a switch in the arm's
+        supply. A later move, of another thread or program, moves the arm again.
 
         Args:
+            hold_reading: Hold an arm that stands at its reading, too: one that presses against something gives way. A
+                loaded joint sinks then by the angle at which it rests below its target.
             gripper_permille: The gripper's goal, 0 closed to 1000 open. If omitted, it is the last goal that this
                 object has sent since the torque was off: a grip stays firm. Without one it is the reading, with a
                 warning: a grip may loosen.
@@ -310,10 +313,11 @@ class Ling(Open):
 
         Raises:
             ValueError: The gripper's goal is out of range; nothing is sent.
-            NotStoppedError: The arm does not come to rest within 2 s, or does not answer: it may still move.
+            NotStoppedError: The arm does not come to rest within 2 s, another program moves it, or it does not answer:
+                it may still move.
             PortLostError: The port was lost: the arm may still move.
         """
-        counts, extra, is_reading = self._port.stop(_gripper(gripper_permille))
+        counts, extra, is_reading = self._port.stop(_gripper(gripper_permille), hold_reading)
         if is_reading:
             _warn_of_grip(self.port, stacklevel=3)
         return joint_state(counts, extra)

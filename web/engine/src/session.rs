@@ -8,8 +8,8 @@ use armwire::ling::effect::{self, Effect, EffectError};
 use armwire::ling::legacy::Detector;
 use armwire::ling::stop::{self, Grip, StopError, Stopped};
 use armwire::ling::{
-    Info, JointState, Ling, LingClient, MAX_FRAME, Opening, PerServo, ReadBack, Request, Response, SelfCheck, Speed,
-    Stop, Stroke, Torque,
+    Info, JointState, Ling, LingClient, MAX_FRAME, Move, PerServo, ReadBack, Request, Response, SelfCheck, Speed, Stop,
+    Stroke, Torque,
 };
 use armwire::messages::Messages;
 use armwire::time::{Duration, Instant};
@@ -183,8 +183,8 @@ pub struct Session {
     torque: Option<ReadBack>,
     stopping: Option<Stopping>,
     stop_state: StopState,
-    /// The gripper's goal in the last target. `None` after the torque was off: the gripper then holds nothing.
-    gripper: Option<Opening>,
+    /// The last target. `None` after the torque was off: the arm then holds nothing.
+    target: Option<Move>,
     /// Due time of each of [`READS`]; `None` once a constant value is known.
     reads: [Option<Instant>; READS.len()],
     /// Due time of the next target.
@@ -212,7 +212,7 @@ impl Session {
             torque: None,
             stopping: None,
             stop_state: StopState::None,
-            gripper: None,
+            target: None,
             reads: [Some(now); READS.len()],
             next_target: now,
             in_flight: None,
@@ -341,7 +341,7 @@ impl Session {
         self.jog.release(now);
         match self.jog.is_moving() {
             true => self.stop_jog(now),
-            false => self.begin_stop(now, Stop::new(self.gripper)),
+            false => self.begin_stop(now, self.stop_here()),
         }
     }
 
@@ -361,7 +361,7 @@ impl Session {
         self.jog.reset();
         self.end_stop(StopState::None);
         if torque == Torque::Off {
-            self.gripper = None;
+            self.target = None;
         }
         self.torque = Some(ReadBack::new(Effect::Torque(torque)));
     }
@@ -423,7 +423,12 @@ impl Session {
         let reading = self.arm.joints.map(|(_, reading)| reading);
         let target = reading.and_then(|reading| self.jog.stop(now, &reading));
         self.jog.reset();
-        self.begin_stop(now, target.map_or_else(|| Stop::new(self.gripper), Stop::at));
+        self.begin_stop(now, target.map_or_else(|| self.stop_here(), Stop::at));
+    }
+
+    /// A stop that waits for a reading.
+    fn stop_here(&self) -> Stop {
+        self.target.as_ref().map_or_else(|| Stop::new(None), Stop::after)
     }
 
     fn begin_stop(&mut self, now: Instant, stop: Stop) {
@@ -492,7 +497,10 @@ impl Session {
         if let Some(stopping) = &mut self.stopping {
             stopping.due = None;
             match stopping.stop.poll(now) {
-                stop::Output::Request(request) => return Some(request),
+                stop::Output::Request(request) => {
+                    self.target = stopping.stop.held().copied().or(self.target);
+                    return Some(request);
+                }
                 stop::Output::Wait(until) => stopping.due = Some(until),
                 stop::Output::Done(result) => self.end_stop(result.into()),
             }
@@ -502,7 +510,7 @@ impl Session {
             let reading = self.fresh(now).copied().filter(|_| self.block(now).is_none());
             match reading.and_then(|reading| self.jog.target(now, &reading).ok()) {
                 Some(target) => {
-                    self.gripper = Some(target.gripper.0);
+                    self.target = Some(target);
                     return Some(Request::Move(target));
                 }
                 None => self.jog.reset(),
@@ -590,7 +598,7 @@ impl Session {
             Response::Joints(state) => {
                 arm.joints = Some((now, state));
                 if state.status.is_torque_off() {
-                    self.gripper = None;
+                    self.target = None;
                 }
             }
             Response::Temperatures(celsius) => arm.temperatures = Some(celsius),
