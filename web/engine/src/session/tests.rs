@@ -1,4 +1,4 @@
-use armwire::ling::{Frame, GripperSpeed, JOINTS, Move, Position};
+use armwire::ling::{Frame, GripperSpeed, JOINTS, Move, Opening, Position};
 use armwire::{Device, DeviceEvent};
 use armwire_sim::faults::Rates;
 use armwire_sim::ling::Plant;
