@@ -4,7 +4,7 @@ use armwire::alpha1::{self, Alpha1, Interval, MoveTime, Offset, ServoId, ServoRe
 use armwire::ling::{self, Ling, Stroke};
 use armwire::messages::Messages;
 use armwire::time::{Duration, Instant};
-use armwire::xarm::{self, Raw, XArm};
+use armwire::xarm::{self, Joint, Raw, XArm};
 use armwire::{Client, Config, Event, Output};
 
 /// A client on a line that answers at once.
@@ -152,9 +152,9 @@ fn unacceptable_xarm_answer_ends_the_request() {
             "register 5: torque source is 2, must be 0..=1 (data byte 0)",
         ),
         (
-            xarm::Request::Shutdown,
-            &[10, 0, 0],
-            "register 10: 1 data bytes, expected 0 or 2",
+            xarm::Request::ReadRotationRadius(Joint::new(1).unwrap()),
+            &[6, 0, 0, 0, 0],
+            "register 6: 3 data bytes, expected 0 or 4",
         ),
     ] {
         ends::<XArm, XARM>(command, &xarm(1, body), reason);

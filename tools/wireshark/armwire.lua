@@ -596,6 +596,7 @@ local xarm_fields = {
   register = ProtoField.uint8("xarm.register", "Register"),
   state = ProtoField.uint8("xarm.state", "State", base.HEX),
   parameters = ProtoField.bytes("xarm.parameters", "Parameters"),
+  extra = ProtoField.bytes("xarm.extra", "Bytes after the documented parameters"),
   text = ProtoField.string("xarm.text", "Text"),
   joint = ProtoField.uint8("xarm.joint", "Joint"),
   source = ProtoField.uint8("xarm.torque_source", "Torque source", base.DEC, { [0] = "torque", [1] = "current" }),
@@ -709,11 +710,19 @@ end
 local REGISTERS = {
   [1] = { request = read("read version"), answer = xarm_version, empty = "version", none = "no value" },
   [2] = { request = read("read serial numbers"), answer = serials, empty = "serial", none = "no value" },
-  [4] = { request = read("reload dynamics"), answer = function() return nil end, empty = "reload dynamics", none = "done" },
-  [5] = { request = read("read torque source"), answer = torque_source, empty = "torque", none = "no value" },
-  [6] = { request = read_radius, answer = radius, empty = "rotation radius", none = "no value" },
-  [10] = { request = control, answer = control_value, empty = "system control", none = "done" },
+  [4] = { request = read("reload dynamics"), len = 0, empty = "reload dynamics", none = "done" },
+  [5] = { request = read("read torque source"), answer = torque_source, len = 1, empty = "torque", none = "no value" },
+  [6] = { request = read_radius, answer = radius, len = 4, empty = "rotation radius", none = "no value" },
+  [10] = { request = control, answer = control_value, len = 2, empty = "system control", none = "done" },
 }
+
+-- The length of a reply's documented parameters, of so many. Texts and undocumented registers have none. Register 10
+-- is documented without parameters, and with a number.
+local function documented_parameters(register, len)
+  local known = REGISTERS[register]
+  if register == 10 and len < known.len then return 0 end
+  return math.min(known and known.len or len, len)
+end
 
 local function add_floats(data, tree, key, at, count)
   for nth = 1, count do
@@ -746,9 +755,15 @@ local function xarm_answer(register, body, tree)
   if body.len < 2 then return nil end
   local state = body:byte(1)
   tree:add(xarm_fields.state, body:range(1, 1), state):append_text(" " .. state_text(state))
-  local text = xarm_reply(register, state, body:part(2, body.len - 2), tree)
-  if not text or bit(state, INVALID) then return text, text ~= nil end
-  return text .. ", state: " .. state_text(state)
+  local len = documented_parameters(register, body.len - 2)
+  local text, rest = xarm_reply(register, state, body:part(2, len), tree), body.len - 2 - len
+  if not text then return nil end
+  if not bit(state, INVALID) then text = text .. ", state: " .. state_text(state) end
+  if rest > 0 then
+    tree:add(xarm_fields.extra, body:range(2 + len, rest))
+    text = text .. ", extra: " .. body:part(2 + len, rest):hex()
+  end
+  return text, bit(state, INVALID)
 end
 
 -- Standard Modbus TCP has the same header. An arm supports none of its functions.

@@ -300,6 +300,22 @@ impl Messages for XArm {
             Start::Call(register, rest) => parse_response(register, rest).map_err(named(register)),
         }
     }
+
+    /// ```
+    /// use armwire::messages::Messages;
+    /// use armwire::xarm::{Direction, Reply, Response, State, TorqueSource, XArm};
+    ///
+    /// let frame = [0, 1, 0, 2, 0, 5, 5, 0, 1, 0x07, 0x08];
+    /// let reply = Reply::TorqueSource(TorqueSource::Current);
+    /// assert_eq!(XArm::PRIVATE.parse_response(&frame, Direction::Responses), Ok(Response::Reply { state: State::OK, reply }));
+    /// assert_eq!(XArm::PRIVATE.extra(&frame), [0x07, 0x08]);
+    /// ```
+    fn extra<'a>(&self, frame: &'a [u8]) -> &'a [u8] {
+        match Start::of(frame) {
+            Ok(Start::Call(register, [_state, params @ ..])) => split_extra(register, params).1,
+            _ => &[],
+        }
+    }
 }
 
 fn parse_request(register: u8, params: &[u8]) -> Result<Request<'_>, Cause> {
@@ -336,13 +352,25 @@ fn parse_response(register: u8, rest: &[u8]) -> Result<Response<'_>, Cause> {
     parse_reply(register, params).map(|reply| Response::Reply { state, reply })
 }
 
+/// Divides the parameters of a reply after the documented ones. Arms may send more: the vendor's package accepts any
+/// number. Texts and undocumented registers have no length.
+fn split_extra(register: u8, params: &[u8]) -> (&[u8], &[u8]) {
+    let documented = match Register::from_code(register) {
+        Some(Register::ReloadDynamics) => 0,
+        Some(Register::TorqueSource) => 1,
+        Some(Register::RotationRadius) => 4,
+        // The page has an answer without parameters, and one with a number.
+        Some(Register::SystemControl) if params.len() < 2 => 0,
+        Some(Register::SystemControl) => 2,
+        Some(Register::Version | Register::Serials) | None => params.len(),
+    };
+    params.split_at_checked(documented).unwrap_or((params, &[]))
+}
+
 fn parse_reply(register: u8, params: &[u8]) -> Result<Reply<'_>, Cause> {
+    let (params, _) = split_extra(register, params);
     let Some(typed) = Register::from_code(register) else {
         return Ok(Reply::Raw(Raw::from_wire(register, params)));
-    };
-    let length = |expected| {
-        let got = params.len();
-        Err(Cause::Length { expected, got })
     };
     match (typed, params) {
         (register, []) => Ok(Reply::Empty(register)),
@@ -358,9 +386,10 @@ fn parse_reply(register: u8, params: &[u8]) -> Result<Reply<'_>, Cause> {
             Ok(Reply::RotationRadius(RotationRadius { millimetres }))
         }
         (Register::SystemControl, &[high, low]) => Ok(Reply::SystemControl(u16::from_be_bytes([high, low]))),
-        (Register::ReloadDynamics, _) => length(&[0]),
-        (Register::TorqueSource, _) => length(&[0, 1]),
-        (Register::RotationRadius, _) => length(&[0, 4]),
-        (Register::SystemControl, _) => length(&[0, 2]),
+        // The other registers accept any number of parameters.
+        (_, params) => Err(Cause::Length {
+            expected: &[0, 4],
+            got: params.len(),
+        }),
     }
 }

@@ -13,6 +13,8 @@ const CORPUS: &str = "host-tests/fuzz/corpus/decode";
 
 /// A heartbeat with a wrong last byte, and a frame without a register.
 const XARM_ERRORS: [&[u8]; 2] = [&[0, 0, 0, 1, 0, 2, 0, 5], &[0, 1, 0, 2, 0, 0]];
+/// The protocol id of a heartbeat, which has one length.
+const HEARTBEAT: u8 = 1;
 /// Bytes with a meaning in some frame: codes, answers, end marks, limits.
 const VALUES: [u8; 16] = [
     0x00, 0x01, 0x02, 0x03, 0x04, 0x10, 0x11, 0x5A, 0x80, 0xAA, 0xE1, 0xE2, 0xED, 0xEE, 0xFE, 0xFF,
@@ -98,6 +100,9 @@ impl Line {
         let mut variants = Vec::new();
         if (self.arm, self.from) == ("ling", "arm") && !self.is_older() {
             variants.push(longer_ling_frame(frame));
+        }
+        if (self.arm, self.from) == ("xarm", "arm") && frame[3] != HEARTBEAT {
+            variants.push(longer_xarm_frame(frame));
         }
         for at in data.clone() {
             let is_end = at == data.start || at + 1 == data.end;
@@ -199,6 +204,11 @@ fn longer_ling_frame(frame: &[u8]) -> Vec<u8> {
     let data = &frame[4..frame.len() - 2];
     let body = [&frame[1..3], &[data.len() as u8 + 2], data, &[0x77, 0x78]].concat();
     [&[0xAA][..], &body, &[crc(&body), 0xFF]].concat()
+}
+
+/// A frame with two more parameters.
+fn longer_xarm_frame(frame: &[u8]) -> Vec<u8> {
+    [&frame[..5], &[frame[5] + 2], &frame[6..], &[0x77, 0x78]].concat()
 }
 
 /// Frames with no parameter, and with one.
