@@ -1,4 +1,8 @@
+import os
+import pty
+import threading
 import time
+import tty
 from collections.abc import Iterator
 
 import pytest
@@ -30,6 +34,26 @@ def test_versions_are_read(robot: armwire.Alpha1) -> None:
 def test_action_moves_servos(robot: armwire.Alpha1) -> None:
     robot.act(dict.fromkeys(range(2, 17), 80), release=[1], time_s=0.1, interval_s=0.2)
     assert robot.read_running_servos() == tuple(range(1, 17))
+
+
+@pytest.mark.parametrize("mask", [0, 1, 0x5555_AAAA, 0xAAAA_5555, 0x8000_0000, 0xFFFF_FFFF])
+def test_every_servo_state_is_read(mask: int) -> None:
+    states = mask.to_bytes(4, "big")
+    ours, theirs = pty.openpty()
+    tty.setraw(theirs)
+
+    def answer() -> None:
+        assert os.read(ours, 10) == bytes.fromhex("EF FE 00 00 00 00 00 00 00 ED")
+        os.write(ours, b"\xef\xfe" + states + bytes([sum(states) & 0xFF, 0xED]))
+
+    robot = threading.Thread(target=answer)
+    robot.start()
+    with armwire.Alpha1(os.ttyname(theirs)) as opened:
+        running = opened.read_running_servos()
+    robot.join()
+    os.close(theirs)
+    os.close(ours)
+    assert running == tuple(servo for servo in range(1, 33) if mask >> (servo - 1) & 1)
 
 
 def test_play_and_stop() -> None:

@@ -1,6 +1,7 @@
 //! The screen of a monitor.
 
 use armwire_bridge::Instant;
+use armwire_host::describe::Item;
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::{Color, Modifier, Style};
@@ -14,6 +15,8 @@ use crate::printable::escaped;
 /// Width of names, and of a quantity's text.
 const NAME: usize = 9;
 const WORDS: usize = 22;
+/// The most values of a fact that have a line each. The servos of an Alpha1 have one together.
+const MOST_LINES: usize = 16;
 /// Minimum width of a sparkline.
 const LEAST_SPARKLINE: usize = 8;
 /// A sparkline's levels.
@@ -84,14 +87,16 @@ fn arm(model: &Model, width: usize) -> Part {
     match &model.latest {
         None => lines.push(Line::styled("nothing received yet", DIM)),
         Some(latest) => {
-            for (i, item) in latest.facts.iter().flat_map(|fact| &fact.items).enumerate() {
-                let mut spans = vec![name(&item.name), Span::raw(format!("{:<WORDS$}", item.text))];
-                let room = width.saturating_sub(NAME.max(item.name.chars().count() + 1) + WORDS + 1);
-                if room >= LEAST_SPARKLINE && !item.value.is_string() {
-                    let values: Vec<_> = model.history(i).rev().take(room).collect();
-                    spans.push(Span::styled(format!(" {}", sparkline(&values)), LIVE));
+            let mut values = 0;
+            for fact in &latest.facts {
+                let first = values;
+                values += fact.items.len();
+                match fact.items.len() {
+                    0..=MOST_LINES => {
+                        lines.extend((first..).zip(&fact.items).map(|(i, item)| row(model, i, item, width)))
+                    }
+                    _ => lines.push(named(&fact.name, fact.text.clone())),
                 }
-                lines.push(Line::from(spans));
             }
         }
     }
@@ -102,6 +107,17 @@ fn arm(model: &Model, width: usize) -> Part {
         lines.push(named("servos", text));
     }
     Part { title: "arm", lines }
+}
+
+/// Value number `i` of the readings, with its history.
+fn row(model: &Model, i: usize, item: &Item, width: usize) -> Line<'static> {
+    let mut spans = vec![name(&item.name), Span::raw(format!("{:<WORDS$}", item.text))];
+    let room = width.saturating_sub(NAME.max(item.name.chars().count() + 1) + WORDS + 1);
+    if room >= LEAST_SPARKLINE && !item.value.is_string() {
+        let values: Vec<_> = model.history(i).rev().take(room).collect();
+        spans.push(Span::styled(format!(" {}", sparkline(&values)), LIVE));
+    }
+    Line::from(spans)
 }
 
 /// The line: calls, or received readings.

@@ -7,7 +7,7 @@ use std::os::unix::fs::OpenOptionsExt;
 use rustix::fs::OFlags;
 use rustix::process::Signal;
 
-use crate::common::{Arm, failure, free_path, run, success, usage};
+use crate::common::{Arm, NO_ANSWER, failure, free_path, retry_while, run, run_against, success, usage};
 
 const STOP: [u8; 10] = [0xF2, 0x2F, 0, 0, 0, 0, 0, 0, 0, 0xED];
 const STOPPED: [u8; 4] = [0xF2, 0x2F, 0xAA, 0xED];
@@ -101,6 +101,47 @@ fn virtual_robot_executes_requests() {
     assert_eq!(call(&arm, &act("1", 1000)), "act: done\n");
     assert!(refused(&act("2", 0)), "the interval is not over");
     assert!(failure(&run(&call_args(&arm, "servo version 4"))).contains("no answer"));
+}
+
+/// The output of a program that reads the servo states of a robot with this mask of running servos.
+fn with_servos(args: &[&str], mask: u32) -> String {
+    let states = mask.to_be_bytes();
+    let check = states.iter().fold(0, |sum: u8, byte| sum.wrapping_add(*byte));
+    let answer = [&[0xEF, 0xFE], &states[..], &[check, 0xED]].concat();
+    let output = retry_while(NO_ANSWER, || {
+        run_against(args, |_, pty, _| {
+            pty.write(&answer).unwrap();
+        })
+    });
+    assert!(output.status.success(), "{output:?}");
+    String::from_utf8(output.stdout).unwrap()
+}
+
+/// The numbers of the servos whose values are 1, in each output.
+#[test]
+fn every_servo_state_is_in_every_output() {
+    for mask in [0, 1, 0x5555_AAAA, 0xAAAA_5555, 0x8000_0000, u32::MAX] {
+        let running: Vec<_> = (1..=32_u32).filter(|servo| mask >> (servo - 1) & 1 == 1).collect();
+        let text = with_servos(&["call", "alpha1", "PORT", "servo-states"], mask);
+        let numbers = text.trim_end().trim_start_matches("servos that run: ");
+        let numbers: Vec<u32> = numbers.split(' ').filter_map(|number| number.parse().ok()).collect();
+        assert_eq!(numbers, running, "{text}");
+
+        let json = with_servos(&["call", "--json", "alpha1", "PORT", "servo-states"], mask);
+        let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+        let runs = |servo: &u32| json[format!("servo_{servo}_runs")] == 1;
+        assert_eq!((1..=32).filter(runs).collect::<Vec<_>>(), running);
+        assert_eq!(json.as_object().unwrap().len(), 32);
+
+        let csv = with_servos(&["monitor", "--arm", "alpha1", "PORT", "--csv", "--count", "1"], mask);
+        let lines: Vec<Vec<_>> = csv.lines().map(|line| line.split(',').collect()).collect();
+        let runs = |servo: &u32| {
+            let column = format!("servo_{servo}_runs");
+            let at = lines[0].iter().position(|name| *name == column).unwrap();
+            lines[1][at] == "1"
+        };
+        assert_eq!((1..=32).filter(runs).collect::<Vec<_>>(), running);
+    }
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use std::num::NonZeroU32;
 
-use armwire::alpha1::{Alpha1, Outcome, Request, Response, SERVOS, ServoResponse, ServoStates};
+use armwire::alpha1::{Alpha1, Outcome, Request, Response, ServoResponse, ServoStates};
 use armwire::{Config, time};
 use serde_json::json;
 
@@ -67,9 +67,9 @@ fn done(what: &str, outcome: Outcome) -> Fact {
     Fact::words(what, outcome)
 }
 
-/// The numbers of the servos that run.
+/// The numbers of the servos that run: a value for each bit of the answer, which has more than an action has servos.
 fn running(states: ServoStates) -> Fact {
-    let each = (1..=SERVOS as u8).map(|n| match states.running().any(|servo| servo == n) {
+    let each = (1..=u32::BITS as u8).map(|n| match states.running().any(|servo| servo == n) {
         true => (json!(1), "runs".to_owned()),
         false => (json!(0), "-".to_owned()),
     });
