@@ -3,8 +3,9 @@
 use armwire::ling::arrival::Deviations;
 use armwire::ling::stop::{Grip, Output, StopError, Stopped};
 use armwire::ling::{
-    GripperSpeed, JointState, MotionStatus, Move, Opening, Position, Request, Rest, Speed, Stop, Torque,
+    GripperSpeed, JointState, Ling, MotionStatus, Move, Opening, Position, Request, Response, Rest, Speed, Stop, Torque,
 };
+use armwire::messages::Messages;
 use armwire::time::{Duration, Instant};
 
 /// An arm with one moving joint, in virtual time.
@@ -15,6 +16,8 @@ struct Arm {
     speed: f32,
     gripper: u16,
     status: MotionStatus,
+    /// Its answer instead of this state.
+    answer: Option<JointState>,
     /// Number of moves that get lost.
     lost: usize,
     /// It does what another program wants.
@@ -31,6 +34,7 @@ impl Arm {
             speed,
             gripper: 300,
             status: MotionStatus::Locked,
+            answer: None,
             lost: 0,
             is_driven: false,
             moves: Vec::new(),
@@ -74,7 +78,7 @@ impl Arm {
         loop {
             match stop.poll(self.now) {
                 Output::Request(Request::ReadJoints) => {
-                    let state = self.state();
+                    let state = self.answer.unwrap_or(self.state());
                     self.pass(Duration::from_millis(5));
                     stop.on_joints(self.now, &state);
                 }
@@ -120,6 +124,29 @@ fn moving_arm_stops_at_its_reading() {
     assert_eq!(arm.moves[0].gripper.0, Opening::CLOSED);
     assert_eq!(arm.torques, [Torque::On]);
     assert!(arm.now.since(began) < Duration::from_millis(300));
+}
+
+/// The vendor's two-armed robot answers the same request, with the joints of both arms.
+#[test]
+fn another_robot_is_sent_nothing() {
+    let Ok(Response::Joints(state)) = Ling.parse_response(include_bytes!("bessica.bin"), ()) else {
+        panic!("it is read");
+    };
+    let mut arm = Arm::moving(0.0);
+    arm.answer = Some(state);
+    let error = arm.stop(Some(Opening::OPEN)).unwrap_err();
+    let text = "the pose cannot be held: not an Alicia-D but a Bessica-D: its answer is 33 data bytes, must be 15..=16";
+    assert_eq!(error.to_string(), text);
+    assert_eq!((arm.moves, arm.torques), (vec![], vec![]));
+}
+
+#[test]
+fn undocumented_status_does_not_prevent_a_stop() {
+    let mut arm = Arm::moving(1_000.0);
+    arm.status = MotionStatus::Other(0x42);
+    let stopped = arm.stop(None);
+    assert!(matches!(stopped, Ok(Stopped::AtRest { .. })), "{stopped:?}");
+    assert!(arm.moves[0].are_joints_reached_by(&arm.state()));
 }
 
 #[test]

@@ -431,14 +431,22 @@ local function stroke(data, tree)
   return "stroke: " .. mm .. " mm"
 end
 
-local function joint_state(data, tree)
+-- The status of another robot: an Alicia-D answers with 15 data bytes, or 16. Nothing for an Alicia-D.
+local ROBOTS = { [33] = "Bessica-D" }
+local function foreign(total)
+  if total == 15 or total == 16 then return nil end
+  local robot = ROBOTS[total] and " but a " .. ROBOTS[total] or ""
+  return string.format("not an Alicia-D%s (%d data bytes)", robot, total)
+end
+
+local function joint_state(data, tree, total)
   if data.len ~= 2 * JOINTS + 3 then return nil end
   local joints = ling_joints(data, tree, function(nth) return 2 * nth - 2 end)
   local gripper, status = data:le16(12), data:byte(14)
   tree:add(ling_fields.gripper, data:range(12, 2), gripper)
   tree:add(ling_fields.status, data:range(14, 1), status)
   local opening = gripper > MAX_OPENING and "(out of range)" or "open"
-  local status_text = STATUS[status] or string.format("unknown status 0x%02x", status)
+  local status_text = foreign(total) or STATUS[status] or string.format("unknown status 0x%02x", status)
   return string.format("%s, gripper: %.1f %% %s, status: %s", joints, gripper / 10, opening, status_text)
 end
 
@@ -472,8 +480,8 @@ local function self_check(data, tree)
   return "self-check: servos not normal: " .. table.concat(faulty, ", ") .. hint
 end
 
--- Messages by command * 256 + function. Each takes the data and the tree and returns the meaning, or nothing for data
--- of another length or value.
+-- Messages by command * 256 + function. Each takes the data, the tree and the number of all data bytes, and returns the
+-- meaning, or nothing for data of another length or value.
 local LING = {
   [HOST] = {
     [0x0100] = no_value("read information"),
@@ -567,7 +575,7 @@ local function ling_message(view, direction, tree)
   local message, data = LING[direction][view:be16(1)], view:part(4, view.len - 6)
   if not message then return nil end
   local len = direction == ARM and math.min(documented_length(view:be16(1), data.len), data.len) or data.len
-  local text, rest = message(data:part(0, len), tree), data.len - len
+  local text, rest = message(data:part(0, len), tree, data.len), data.len - len
   if not text or rest == 0 then return text end
   tree:add(ling_fields.extra, data:range(len, rest))
   return text .. ", extra: " .. data:part(len, rest):hex()

@@ -173,8 +173,9 @@ impl JointState {
     ///
     /// # Errors
     ///
-    /// [`OutOfRange`] for the first joint over 4095 ticks.
+    /// [`OutOfRange`] for an answer of [another robot](super::Foreign), and for the first joint over 4095 ticks.
     pub fn positions(&self) -> Result<[Position; JOINTS], OutOfRange> {
+        self.check_own()?;
         let mut positions = [Position::CENTRE; JOINTS];
         for (position, ticks) in positions.iter_mut().zip(self.joints) {
             *position = Position::new(ticks)?;
@@ -186,9 +187,20 @@ impl JointState {
     ///
     /// # Errors
     ///
-    /// [`OutOfRange`] over 1000.
+    /// [`OutOfRange`] for an answer of [another robot](super::Foreign), and over 1000.
     pub const fn opening(&self) -> Result<Opening, OutOfRange> {
-        Opening::new(self.gripper)
+        match self.check_own() {
+            Ok(()) => Opening::new(self.gripper),
+            Err(error) => Err(error),
+        }
+    }
+
+    /// Checks that the answer is an Alicia-D's.
+    const fn check_own(&self) -> Result<(), OutOfRange> {
+        match self.status {
+            MotionStatus::Foreign(foreign) => Err(foreign.error()),
+            _ => Ok(()),
+        }
     }
 }
 
@@ -322,6 +334,7 @@ fn split_extra(frame: Frame<'_>) -> (Frame<'_>, &[u8]) {
 }
 
 fn parse_response(frame: Frame<'_>) -> Result<Response, Cause> {
+    let data_bytes = frame.data.len() as u8;
     let (frame, _) = split_extra(frame);
     match (frame.command, frame.function) {
         (command::INFO, 0) => {
@@ -345,7 +358,7 @@ fn parse_response(frame: Frame<'_>) -> Result<Response, Cause> {
             Ok(Response::Joints(JointState {
                 joints: words(joints),
                 gripper: u16::from_le_bytes([*low, *high]),
-                status: (*status).into(),
+                status: MotionStatus::of_answer(*status, data_bytes),
             }))
         }
         (command::JOINTS, function::TEMPERATURE) => match frame.data.len() {

@@ -42,8 +42,8 @@ pub use protocol::Ling;
 pub use rest::Rest;
 pub use stop::Stop;
 pub use value::{
-    JOINTS, Kind, MotionStatus, Opening, PerServo, Position, SelfCheck, SerialNumber, Speed, Stroke, TICKS_PER_TURN,
-    TemperatureLimit, Version,
+    Foreign, Immovable, JOINTS, Kind, MotionStatus, Opening, PerServo, Position, SelfCheck, SerialNumber, Speed,
+    Stroke, TICKS_PER_TURN, TemperatureLimit, Version,
 };
 
 use crate::Client;

@@ -4,6 +4,8 @@ use core::f32::consts::TAU;
 use core::fmt;
 use core::str;
 
+use thiserror::Error;
+
 use crate::OutOfRange;
 use crate::error::within;
 
@@ -12,6 +14,11 @@ pub const JOINTS: usize = 6;
 
 /// Ticks in one turn of a joint.
 pub const TICKS_PER_TURN: u16 = 4096;
+
+/// The data bytes of an Alicia-D's answer with joints: the document's, and one more as in a comment of the vendor's
+/// software.
+const SHORTEST_JOINTS: u16 = 15;
+const LONGEST_JOINTS: u16 = 16;
 
 const CENTRE: f32 = TICKS_PER_TURN as f32 / 2.0;
 const TICKS_PER_RADIAN: f32 = TICKS_PER_TURN as f32 / TAU;
@@ -377,9 +384,126 @@ pub enum MotionStatus {
     OverheatProtection,
     /// Any other value. A later version may name it: compare values as `u8`.
     Other(u8),
+    /// None: the answer is not an Alicia-D's.
+    Foreign(Foreign),
+}
+
+/// An answer with joints that is not an Alicia-D's: it has another length than the document's 15 data bytes, or 16 as in
+/// the vendor's software. Its bytes may have other meanings. They are for reading: nothing that moves or holds an arm is
+/// made from them.
+///
+/// ```
+/// use armwire::ling::{Foreign, MotionStatus};
+///
+/// let status = MotionStatus::of_answer(0x01, 33);
+/// assert_eq!(status, MotionStatus::Foreign(Foreign { data_bytes: 33, byte: 0x01 }));
+/// assert_eq!(status.to_string(), "not an Alicia-D but a Bessica-D (33 data bytes)");
+/// assert_eq!(MotionStatus::of_answer(0x01, 16), MotionStatus::Locked);
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Foreign {
+    /// The number of its data bytes.
+    pub data_bytes: u8,
+    /// The byte in the place of the status.
+    pub byte: u8,
+}
+
+/// The reason why an arm gets no motion.
+///
+/// ```
+/// use armwire::ling::MotionStatus;
+///
+/// let reason = MotionStatus::from(0x42).check_motion().unwrap_err();
+/// assert_eq!(reason.to_string(), "no document explains the arm's status 0x42");
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
+pub enum Immovable {
+    /// The torque is off, as in this status.
+    #[error("the torque is off (status {0})")]
+    TorqueOff(MotionStatus),
+    /// The status is [`Other`](MotionStatus::Other). A stop is possible.
+    #[error("no document explains the arm's status {0:#04x}")]
+    UnknownStatus(u8),
+    /// It is another robot. Nothing holds it, either.
+    #[error("the arm is {0}")]
+    Foreign(Foreign),
+}
+
+impl Foreign {
+    /// The name of the robot, if its answers are known.
+    pub const fn robot(self) -> Option<&'static str> {
+        match self.data_bytes {
+            // Two arms.
+            33 => Some("Bessica-D"),
+            _ => None,
+        }
+    }
+
+    /// The error of a use as an Alicia-D's answer.
+    pub(super) const fn error(self) -> OutOfRange {
+        let what = match self.robot() {
+            Some(_) => "not an Alicia-D but a Bessica-D: its answer",
+            None => "not an Alicia-D: its answer",
+        };
+        OutOfRange::new(
+            what,
+            "data bytes",
+            self.data_bytes as u16,
+            SHORTEST_JOINTS,
+            LONGEST_JOINTS,
+        )
+    }
+}
+
+impl fmt::Display for Foreign {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("not an Alicia-D")?;
+        if let Some(robot) = self.robot() {
+            write!(f, " but a {robot}")?;
+        }
+        write!(f, " ({} data bytes)", self.data_bytes)
+    }
 }
 
 impl MotionStatus {
+    /// The status in an answer with joints, by its byte and the number of data bytes of the answer.
+    pub const fn of_answer(byte: u8, data_bytes: u8) -> Self {
+        match data_bytes as u16 {
+            SHORTEST_JOINTS..=LONGEST_JOINTS => Self::of_byte(byte),
+            _ => Self::Foreign(Foreign { data_bytes, byte }),
+        }
+    }
+
+    const fn of_byte(byte: u8) -> Self {
+        match byte {
+            0x00 => Self::Idle,
+            0x01 => Self::Locked,
+            0x10 => Self::Syncing,
+            0x11 => Self::SyncLocked,
+            0xE1 => Self::Overheating,
+            0xE2 => Self::OverheatProtection,
+            other => Self::Other(other),
+        }
+    }
+
+    /// Checks that an arm with this status may be moved: the torque is not off, and the status is a documented one of
+    /// an Alicia-D. A [`Stop`](super::Stop) is possible with an undocumented one, too.
+    ///
+    /// # Errors
+    ///
+    /// The reason why nothing may move it.
+    pub const fn check_motion(self) -> Result<(), Immovable> {
+        match self {
+            Self::Idle | Self::OverheatProtection => Err(Immovable::TorqueOff(self)),
+            Self::Other(byte) => Err(Immovable::UnknownStatus(byte)),
+            Self::Foreign(foreign) => Err(Immovable::Foreign(foreign)),
+            Self::Locked | Self::Syncing | Self::SyncLocked | Self::Overheating => Ok(()),
+        }
+    }
+
     /// True if the torque is on and the arm holds its position, false if it is off. `None` if the status does not show
     /// it: an overheating arm may hold, and the document does not say what a syncing arm does.
     ///
@@ -393,7 +517,7 @@ impl MotionStatus {
         match self {
             Self::Locked | Self::SyncLocked => Some(true),
             Self::Idle | Self::OverheatProtection => Some(false),
-            Self::Syncing | Self::Overheating | Self::Other(_) => None,
+            Self::Syncing | Self::Overheating | Self::Other(_) | Self::Foreign(_) => None,
         }
     }
 
@@ -403,17 +527,10 @@ impl MotionStatus {
     }
 }
 
+/// The status in an answer of an Alicia-D.
 impl From<u8> for MotionStatus {
-    fn from(code: u8) -> Self {
-        match code {
-            0x00 => Self::Idle,
-            0x01 => Self::Locked,
-            0x10 => Self::Syncing,
-            0x11 => Self::SyncLocked,
-            0xE1 => Self::Overheating,
-            0xE2 => Self::OverheatProtection,
-            other => Self::Other(other),
-        }
+    fn from(byte: u8) -> Self {
+        Self::of_byte(byte)
     }
 }
 
@@ -427,6 +544,7 @@ impl From<MotionStatus> for u8 {
             MotionStatus::Overheating => 0xE1,
             MotionStatus::OverheatProtection => 0xE2,
             MotionStatus::Other(other) => other,
+            MotionStatus::Foreign(foreign) => foreign.byte,
         }
     }
 }
@@ -441,6 +559,7 @@ impl fmt::Display for MotionStatus {
             Self::Overheating => f.write_str("overheating"),
             Self::OverheatProtection => f.write_str("overheat protection"),
             Self::Other(code) => write!(f, "unknown status {code:#04x}"),
+            Self::Foreign(foreign) => foreign.fmt(f),
         }
     }
 }

@@ -56,11 +56,12 @@ class Message:
 
 
 class Data:
-    """The data of a frame. Noted values become fields."""
+    """The data of a frame, which may have more bytes in all. Noted values become fields."""
 
-    def __init__(self, frame, start, end):
+    def __init__(self, frame, start, end, total=None):
         self.bytes = frame[start:end]
         self.start = start
+        self.total = total or end - start
         self.fields = []
 
     def note(self, at, length, text):

@@ -19,6 +19,9 @@ MAX_TICKS, MAX_SPEED, MAX_OPENING = 4095, 5000, 1000
 LEADER, FOLLOWER = 6, 10
 STROKES = (50, 75, 100)
 KINDS = {b"ADL": "Ling leader", b"ADF": "Ling follower"}
+# The data bytes of an Alicia-D's answer with joints, and other robots that answer with another number.
+OWN_JOINTS = (15, 16)
+ROBOTS = {33: "Bessica-D"}
 STATUS = {
     0x00: "idle",
     0x01: "locked",
@@ -139,6 +142,9 @@ def joint_state(data):
         return None
     positions, gripper, code = joints(data, range(0, 12, 2)), data.le16(12), data.bytes[14]
     status = STATUS.get(code, "unknown status 0x{:02x}".format(code))
+    if data.total not in OWN_JOINTS:
+        robot = ROBOTS.get(data.total)
+        status = "not an Alicia-D{} ({} data bytes)".format(" but a " + robot if robot else "", data.total)
     data.note(12, 2, "gripper: {} thousandths".format(gripper))
     data.note(14, 1, "status: " + status)
     opening = "(out of range)" if gripper > MAX_OPENING else "open"
@@ -263,7 +269,7 @@ class Ling:
             start, end = 3 if older else 4, len(frame) - 2
             is_answer = sender == RX and not older
             fields_end = min(start + documented_length(key, end - start), end) if is_answer else end
-            data = Data(frame, start, fields_end)
+            data = Data(frame, start, fields_end, end - start)
             text = meaning(data) if meaning else None
             if text and fields_end < end:
                 extra = "extra: " + hexadecimal(frame[fields_end:end])

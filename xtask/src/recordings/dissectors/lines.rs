@@ -13,6 +13,8 @@ const CORPUS: &str = "host-tests/fuzz/corpus/decode";
 
 /// A heartbeat with a wrong last byte, and a frame without a register.
 const XARM_ERRORS: [&[u8]; 2] = [&[0, 0, 0, 1, 0, 2, 0, 5], &[0, 1, 0, 2, 0, 0]];
+/// More data bytes of a Ling arm: joints are an Alicia-D's with the first, and a Bessica-D's with the last.
+const MORE: [u8; 3] = [1, 2, 18];
 /// The protocol id of a heartbeat, which has one length.
 const HEARTBEAT: u8 = 1;
 /// Bytes with a meaning in some frame: codes, answers, end marks, limits.
@@ -99,7 +101,7 @@ impl Line {
         let (data, check) = self.data(frame);
         let mut variants = Vec::new();
         if (self.arm, self.from) == ("ling", "arm") && !self.is_older() {
-            variants.push(longer_ling_frame(frame));
+            variants.extend(MORE.map(|more| longer_ling_frame(frame, more)));
         }
         if (self.arm, self.from) == ("xarm", "arm") && frame[3] != HEARTBEAT {
             variants.push(longer_xarm_frame(frame));
@@ -199,10 +201,11 @@ fn ling_frame(command: u8, function: u8) -> Vec<u8> {
     [&[0xAA][..], &body, &[crc(&body), 0xFF]].concat()
 }
 
-/// A frame with two more data bytes.
-fn longer_ling_frame(frame: &[u8]) -> Vec<u8> {
+/// A frame with this number of more data bytes.
+fn longer_ling_frame(frame: &[u8], more: u8) -> Vec<u8> {
     let data = &frame[4..frame.len() - 2];
-    let body = [&frame[1..3], &[data.len() as u8 + 2], data, &[0x77, 0x78]].concat();
+    let extra: Vec<u8> = (0x77..).take(more.into()).collect();
+    let body = [&frame[1..3], &[data.len() as u8 + more], data, &extra].concat();
     [&[0xAA][..], &body, &[crc(&body), 0xFF]].concat()
 }
 
