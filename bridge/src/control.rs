@@ -301,7 +301,8 @@ pub enum Failure {
     SupplyLow,
     /// The arm did not answer in the time of a [`Request::Stop`]: it may still move. Since version 5.
     ArmSilent,
-    /// The arm reports a pose that no move can express: it is not held, and may still move. Since version 5.
+    /// The arm reports a pose that no move can express, or is not an Alicia-D: it is not held, and may still move. Since
+    /// version 5.
     PoseOutOfRange,
     /// The adapter cannot stop this kind of arm. Since version 5.
     NotStoppable(ArmKind),

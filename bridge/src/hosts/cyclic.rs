@@ -1,6 +1,6 @@
 //! Cyclic frames of a Ling arm on the bus: telemetry out, commands in.
 
-use armwire::ling::{JointState, Ling, Request, Response};
+use armwire::ling::{JointState, Ling, MotionStatus, Request, Response};
 use armwire::messages::Messages;
 
 use crate::can::command::Commands;
@@ -83,11 +83,13 @@ impl Cyclic {
 
     // ---- Telemetry ----
 
-    /// Handles a frame of the arm, the last byte of which arrived at `at`.
+    /// Handles a frame of the arm, the last byte of which arrived at `at`. The frames on the bus cannot name another robot
+    /// than an Alicia-D: its joints are not sent.
     pub(super) fn frame(&mut self, kind: ArmKind, bytes: &[u8], at: Instant) {
         if self.telemetry_hz > 0
             && kind == ArmKind::Ling
             && let Ok(Response::Joints(state)) = Ling.parse_response(bytes, ())
+            && !matches!(state.status, MotionStatus::Foreign(_))
         {
             self.newest = Some((state, at));
         }

@@ -627,6 +627,16 @@ fn telemetry_is_sent_at_rate_never_twice() {
 }
 
 #[test]
+fn another_robot_has_no_telemetry() {
+    let bessica = include_bytes!("../../../protocol/tests/bessica.bin");
+    let mut rig = telemetry(100, Poll::Hertz(1_000));
+    rig.responder = Box::new(|_| Some((400, bessica.to_vec())));
+    rig.run(1_000_000);
+    assert!(samples(&rig).is_empty());
+    assert!(rig.sent.len() > 900, "it is polled");
+}
+
+#[test]
 fn error_counts_go_out_once_a_second() {
     let mut rig = telemetry(10, Poll::Off);
     let errors = CanErrors {

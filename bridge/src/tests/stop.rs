@@ -34,6 +34,9 @@ type Pose = [u16; JOINTS + 1];
 
 const POSE: Pose = [2000, 2001, 2002, 2003, 2004, 2005, 310];
 
+/// The answer of the vendor's two-armed robot to a reading of the joints.
+const BESSICA: &[u8] = include_bytes!("../../../protocol/tests/bessica.bin");
+
 /// The answer to a reading of the joints.
 fn reading(pose: Pose, status: u8) -> Vec<u8> {
     let data = pose.iter().flat_map(|value| value.to_le_bytes()).chain([status]);
@@ -538,6 +541,31 @@ fn pose_out_of_range_is_not_held() {
     rig.usb_out.extend(motion());
     rig.run(5_000);
     assert_eq!(rig.line(), READ_JOINTS.repeat(2));
+}
+
+/// The vendor's two-armed robot, which the adapter also polls.
+#[test]
+fn another_robot_is_not_held() {
+    for poll in [Poll::Off, Poll::Hertz(100)] {
+        let mut rig = rig(Config { poll, ..config() });
+        rig.responder = Box::new(|request| (request == READ_JOINTS).then(|| (400, BESSICA.to_vec())));
+        rig.run(50_000);
+        let sequence = rig.request(Request::Stop);
+        rig.run(100_000);
+        let reply = Reply::Failed(Failure::PoseOutOfRange);
+        assert_eq!(rig.replies.last(), Some(&(sequence, reply)));
+        assert_eq!(sent(&rig), [[]; 0]);
+    }
+}
+
+#[test]
+fn arm_of_unknown_status_is_held() {
+    let mut rig = rig(config());
+    rig.responder = Box::new(arm(vec![(POSE, 0x42)]));
+    let sequence = rig.request(Request::Stop);
+    rig.run(25_000);
+    assert_eq!(rig.replies.last(), Some(&(sequence, Reply::Done)));
+    assert_eq!(sent(&rig), [hold(POSE, 310)]);
 }
 
 #[test]

@@ -196,7 +196,7 @@ impl Session<'_> {
                     self.show()?;
                     self.read(follower, until)?;
                 }
-                Err(end @ End::TorqueOff(_)) => return Err(Error::at(follower.name(), end)),
+                Err(end @ End::Immovable(_)) => return Err(Error::at(follower.name(), end)),
                 Err(end) => return Err(Error::at(self.leader.name(), end)),
             }
         }

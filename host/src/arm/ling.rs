@@ -9,8 +9,8 @@ use std::time::{Duration, Instant};
 use armwire::ling::effect::{Effect, Outcome};
 use armwire::ling::stop::{Grip, Stopped};
 use armwire::ling::{
-    GripperSpeed, Info, JOINTS, JointState, Move, Opening, PerServo, Position, Request, SelfCheck, Speed, Stop, Stroke,
-    TemperatureLimit, Torque,
+    GripperSpeed, Info, JOINTS, JointState, MotionStatus, Move, Opening, PerServo, Position, Request, SelfCheck, Speed,
+    Stop, Stroke, TemperatureLimit, Torque,
 };
 
 use crate::arm::legacy;
@@ -55,11 +55,13 @@ pub struct Ling {
     /// The last move that was sent. `None` as for the gripper, and after what may have given the joints another goal: a
     /// request by the link, silence, a stop that failed.
     target: Option<Move>,
-    /// True if the last reading did not show the torque off. False before the first one, and after the torque was or
-    /// may have been switched: the next move reads first.
+    /// True if the last reading [permits motion](armwire::ling::MotionStatus::check_motion). False before the first one,
+    /// and after the torque was or may have been switched: the next move reads first.
     may_move: bool,
     /// The last reading of the joints since the last move.
     last: Option<JointState>,
+    /// True if the last reading was an Alicia-D's.
+    is_own: bool,
     /// Gets each reading of the joints.
     pub(crate) on_pose: Option<OnPose<JointState>>,
 }
@@ -86,6 +88,7 @@ impl Connection {
             target: None,
             may_move: false,
             last: None,
+            is_own: false,
             on_pose: None,
         })
     }
@@ -109,7 +112,7 @@ impl Ling {
 
     /// Reads the joints once, as one of many readings. Returns false without an answer until this time.
     ///
-    /// The answer may be one to an earlier request: it permits no move, and only forbids one if it shows the torque off.
+    /// The answer may be one to an earlier request: it permits no move, and only forbids one.
     pub(crate) fn read_joints_until(&mut self, until: Instant) -> Result<bool, Error> {
         let take = |response| JointState::try_from(response).ok();
         let Some(state) = self.link.read_until(&Request::ReadJoints, until, take)?.flatten() else {
@@ -118,7 +121,7 @@ impl Ling {
         if let Some(on_pose) = &mut self.on_pose {
             on_pose(state);
         }
-        self.may_move &= !state.status.is_torque_off();
+        self.may_move &= state.status.check_motion().is_ok();
         Ok(true)
     }
 
@@ -134,12 +137,29 @@ impl Ling {
     ///
     /// # Errors
     ///
-    /// [`Error::TorqueOff`] if the torque is off.
+    /// [`Error::TorqueOff`] if the torque is off, [`Error::Immovable`] for a status that no document explains, and for
+    /// another robot.
     pub fn require_torque(&mut self) -> Result<JointState, Error> {
         let state = self.read_joints()?;
         match self.may_move {
             true => Ok(state),
-            false => Err(self.without_torque(&state, TorqueOffEffect::NothingSent)),
+            false => Err(self.immovable(&state, TorqueOffEffect::NothingSent)),
+        }
+    }
+
+    /// Checks that the arm is an Alicia-D. One that has shown it is not asked again.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Immovable`] for another robot.
+    pub fn require_own(&mut self) -> Result<(), Error> {
+        if self.is_own {
+            return Ok(());
+        }
+        let state = self.read_joints()?;
+        match self.is_own {
+            true => Ok(()),
+            false => Err(self.immovable(&state, TorqueOffEffect::NothingSent)),
         }
     }
 
@@ -167,8 +187,8 @@ impl Ling {
     ///
     /// # Errors
     ///
-    /// [`Error::TorqueOff`], and nothing is sent. The torque is read before the first move, and before a move after a
-    /// reading that showed it off: a stream of moves costs no readings.
+    /// [`Error::TorqueOff`] and [`Error::Immovable`], and nothing is sent. The joints are read before the first move, and
+    /// before a move after a reading that forbade it: a stream of moves costs no readings.
     pub fn move_to(&mut self, target: &Move) -> Result<(), Error> {
         if !self.may_move {
             self.require_torque()?;
@@ -263,7 +283,7 @@ impl Ling {
     /// # Errors
     ///
     /// [`Error::NoEffect`] if the arm shows for 0.5 s that the torque was not switched, or gives no acceptable answer;
-    /// [`Error::NoAnswer`] if it gives none.
+    /// [`Error::NoAnswer`] if it gives none. [`Error::Immovable`] for torque-on of another robot: nothing is sent.
     pub fn set_torque(&mut self, torque: Torque) -> Result<Outcome, Error> {
         self.switch(Effect::Torque(torque))
     }
@@ -273,9 +293,17 @@ impl Ling {
     /// # Errors
     ///
     /// [`Error::NoEffect`] if the joints are not at zero for 0.5 s, or the arm gives no acceptable answer;
-    /// [`Error::NoAnswer`] if it gives none.
+    /// [`Error::NoAnswer`] if it gives none. [`Error::Immovable`] for another robot: nothing is sent.
     pub fn set_zero(&mut self) -> Result<Outcome, Error> {
         self.switch(Effect::Zero)
+    }
+
+    /// As [`send`](Self::send), but another robot than an Alicia-D gets torque-off only.
+    fn send_to_own(&mut self, effect: Effect) -> Result<(), Error> {
+        if effect != Effect::Torque(Torque::Off) {
+            self.require_own()?;
+        }
+        self.send(effect)
     }
 
     /// Sends the request that has this effect, and reads nothing back.
@@ -349,8 +377,9 @@ impl Ling {
             on_pose(*state);
         }
         self.last = Some(*state);
-        self.may_move = !state.status.is_torque_off();
-        if !self.may_move {
+        self.is_own = !matches!(state.status, MotionStatus::Foreign(_));
+        self.may_move = state.status.check_motion().is_ok();
+        if state.status.is_torque_off() {
             (self.gripper, self.target) = (None, None);
         }
     }
@@ -380,8 +409,8 @@ impl Ling {
         };
         let stopped = drive(&mut self.link, &mut stop)?;
         match stopped {
-            Stopped::AtRest { .. } => {
-                (self.gripper, self.may_move) = (gripper, true);
+            Stopped::AtRest { state, .. } => {
+                (self.gripper, self.may_move) = (gripper, state.status.check_motion().is_ok());
                 self.target = stop.held().copied();
             }
             Stopped::WithoutTorque(_) => self.gripper = None,
@@ -401,6 +430,18 @@ impl Ling {
         Error::Unanswered {
             name: self.link.name().into(),
             silence: Box::new(SilentMotion { cause, last, stopped }),
+        }
+    }
+
+    /// The error of a motion that this reading forbids.
+    fn immovable(&self, state: &JointState, effect: TorqueOffEffect) -> Error {
+        match state.status.check_motion() {
+            Err(reason) if !state.status.is_torque_off() => Error::Immovable {
+                name: self.link.name().into(),
+                reason,
+                effect,
+            },
+            _ => self.without_torque(state, effect),
         }
     }
 
@@ -496,6 +537,7 @@ mod tests {
             target: None,
             may_move: false,
             last: None,
+            is_own: false,
             on_pose: None,
         }
     }
@@ -539,6 +581,7 @@ mod tests {
                     target: None,
                     may_move: false,
                     last: None,
+                    is_own: false,
                     on_pose: None,
                 };
                 assert_eq!(arm.send(effect).is_err(), has_moved);

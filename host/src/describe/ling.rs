@@ -2,7 +2,7 @@
 
 use armwire::Config;
 use armwire::ling::text::{Angle, Gripper, Velocity};
-use armwire::ling::{JOINTS, JointState, Kind, Ling, Position, Request, Response, SelfCheck, TICKS_PER_TURN};
+use armwire::ling::{JOINTS, JointState, Kind, Ling, Opening, Position, Request, Response, SelfCheck, TICKS_PER_TURN};
 use armwire::time::Duration;
 use serde_json::Value;
 
@@ -83,7 +83,8 @@ impl Arm for Ling {
 
 fn joint_state(state: &JointState) -> Vec<Fact> {
     let percent = f64::from(state.gripper) / 10.0;
-    let value = state.opening().map_or(Value::Null, |_| number(percent));
+    // Also that of another robot: the status says so.
+    let value = Opening::new(state.gripper).map_or(Value::Null, |_| number(percent));
     vec![
         joints(state.joints),
         Fact::new("gripper", "gripper_percent", value, Gripper(state.gripper)),

@@ -16,7 +16,7 @@ use armwire::ling::arrival::Away;
 use armwire::ling::effect::EffectError;
 use armwire::ling::legacy::OlderGeneration;
 use armwire::ling::stop::Stopped;
-use armwire::ling::{JointState, MotionStatus};
+use armwire::ling::{Immovable, JointState, MotionStatus};
 use armwire_bridge::control::VERSION;
 
 use crate::error::no_pose::NoPose;
@@ -74,6 +74,13 @@ pub enum Error {
         status: MotionStatus,
         effect: TorqueOffEffect,
     },
+    /// Nothing may move the arm, for this reason other than its torque: a status that no document explains, or another
+    /// robot.
+    Immovable {
+        name: Outside,
+        reason: Immovable,
+        effect: TorqueOffEffect,
+    },
     /// A request was sent, but no reading shows its effect.
     NoEffect { name: Outside, cause: EffectError },
     /// The arm in motion did not answer for [`Ling::SILENCE`](crate::Ling::SILENCE), and was asked to stop.
@@ -119,7 +126,7 @@ pub struct SilentMotion {
     pub stopped: Result<Stopped, Text>,
 }
 
-/// The effect of a torque that is off on a motion.
+/// The effect on a motion of a torque that is off, or of another reason against it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum TorqueOffEffect {
@@ -198,6 +205,7 @@ impl Error {
             Self::TorqueOff { name, status, effect } => {
                 at(name, &format!("the torque is off (status {status}), so {effect}")).remedy(Remedy::TorqueOn)
             }
+            Self::Immovable { name, reason, effect } => at(name, &format!("{reason}, so {effect}")),
             Self::NoEffect { name, cause } => at(name, &cause.to_string()),
             Self::Unanswered { name, silence } => {
                 let seconds = SilenceLimit::STOP.least().as_micros() / 1_000_000;

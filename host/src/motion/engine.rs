@@ -7,7 +7,7 @@ use std::error;
 use std::fmt;
 
 use armwire::OutOfRange;
-use armwire::ling::{JOINTS, JointState, MotionStatus, Move, Speed};
+use armwire::ling::{Immovable, JOINTS, JointState, Move, Speed};
 use armwire::time::{Duration, Instant};
 
 use crate::motion::axes::{Axes, Off, Tolerance, axes, degrees, joints, seconds};
@@ -51,8 +51,8 @@ pub struct Seen {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Fault {
-    /// The torque went off, as in this status.
-    TorqueOff(MotionStatus),
+    /// A reading forbids motion, for example because the torque went off.
+    Immovable(Immovable),
     /// No move can express the arm's pose.
     Position(OutOfRange),
     /// No move can express the source's target, or a speed of it.
@@ -66,7 +66,7 @@ pub enum Fault {
 impl fmt::Display for Fault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::TorqueOff(status) => write!(f, "the torque is off (status {status})"),
+            Self::Immovable(reason) => reason.fmt(f),
             Self::Position(error) => write!(f, "the arm's pose cannot be held: {error}"),
             Self::Target(error) => write!(f, "a target cannot be sent: {error}"),
             Self::Silent(age) => write!(f, "no reading of the joints for {:.2} s", seconds(*age)),
@@ -110,7 +110,7 @@ pub struct Engine {
     pose: Option<(Instant, Axes)>,
     /// The error of the last reading before the first pose.
     outside: Option<OutOfRange>,
-    torque_off: Option<MotionStatus>,
+    immovable: Option<Immovable>,
     goal: Goal,
 }
 
@@ -125,15 +125,15 @@ impl Engine {
             begun: None,
             pose: None,
             outside: None,
-            torque_off: None,
+            immovable: None,
             goal: Goal::NONE,
         }
     }
 
     /// Takes a reading of the joints that was made at `at`.
     pub fn on_joints(&mut self, at: Instant, state: &JointState) {
-        if state.status.is_torque_off() {
-            self.torque_off = Some(state.status);
+        if let Err(reason) = state.status.check_motion() {
+            self.immovable = Some(reason);
         }
         match axes(state) {
             Ok(pose) => {
@@ -181,7 +181,7 @@ impl Engine {
     /// Gives the goal up: the arm was stopped, or lost its torque. The next motion begins where it is.
     pub fn rest(&mut self) {
         self.goal = Goal::NONE;
-        self.torque_off = None;
+        self.immovable = None;
     }
 
     /// Ends the tracking of a source that gives no targets any more. The arm keeps its goal, without a limit of the
@@ -204,8 +204,8 @@ impl Engine {
     }
 
     fn fault(&self, now: Instant, begun: Instant) -> Option<Fault> {
-        if let Some(status) = self.torque_off {
-            return Some(Fault::TorqueOff(status));
+        if let Some(reason) = self.immovable {
+            return Some(Fault::Immovable(reason));
         }
         let seen = match (self.pose, self.outside) {
             (None, Some(error)) => return Some(Fault::Position(error)),

@@ -7,7 +7,7 @@ use std::error;
 use std::fmt;
 
 use armwire::OutOfRange;
-use armwire::ling::{JOINTS, JointState, MotionStatus, Move, Opening};
+use armwire::ling::{Immovable, JOINTS, JointState, Move, Opening};
 use armwire::time::{Duration, Instant};
 
 use crate::motion::axes::{AXES, Off, degrees, farthest, seconds};
@@ -95,8 +95,8 @@ impl fmt::Display for Pause {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum End {
-    /// The follower's torque is off, as in this status. Nothing is sent any more.
-    TorqueOff(MotionStatus),
+    /// A reading of the follower forbids motion, for example because the torque is off. Nothing is sent any more.
+    Immovable(Immovable),
     /// A joint, from 1, was too far from the leader at the start, at this distance in degrees. Nothing was sent.
     Far(u8, f64),
     /// The arms were not both read within 2 s after the start. Nothing was sent.
@@ -106,7 +106,7 @@ pub enum End {
 impl fmt::Display for End {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match *self {
-            Self::TorqueOff(status) => write!(f, "the follower's torque is off (status {status})"),
+            Self::Immovable(reason) => write!(f, "the follower cannot be moved: {reason}"),
             Self::Far(joint, degrees) => write!(
                 f,
                 "joint {joint} of the follower is {degrees:.0}° away from the leader's: bring them within 5°"
@@ -379,7 +379,7 @@ impl Source for Script {
     fn on_fault(&mut self, now: Instant, fault: Fault) -> Option<Self::End> {
         let is_moving = matches!(self.phase, Phase::Approaching | Phase::Following);
         match fault {
-            Fault::TorqueOff(status) => Some(Err(End::TorqueOff(status))),
+            Fault::Immovable(reason) => Some(Err(End::Immovable(reason))),
             Fault::Silent(age) if is_moving => Some(Ok(Pause::FollowerLate(age))),
             Fault::TrackingError(off) => Some(Ok(Pause::TrackingError(off))),
             Fault::Silent(_) | Fault::Position(_) | Fault::Target(_) => self.unread(now),

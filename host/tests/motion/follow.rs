@@ -244,7 +244,7 @@ fn follower_without_torque_ends_it() {
     let now = pair.now;
     pair.follower.send(now, &Request::SetTorque(Torque::Off));
     let end = pair.run_until(2_000).unwrap_err();
-    assert!(matches!(end, End::TorqueOff(_)), "{end:?}");
+    assert!(matches!(end, End::Immovable(_)), "{end:?}");
     let now = pair.now;
     pair.follower.send(now, &Request::SetTorque(Torque::On));
     assert_eq!(pair.run_until(3_000), Err(end));

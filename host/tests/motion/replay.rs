@@ -360,7 +360,7 @@ fn arm_without_torque_is_sent_no_move() {
             break failure;
         }
     };
-    assert!(matches!(failure, Failure::Fault(Fault::TorqueOff(_))), "{failure:?}");
+    assert!(matches!(failure, Failure::Fault(Fault::Immovable(_))), "{failure:?}");
     assert_eq!(run.goal, None);
     assert_eq!(run.replay.poll(run.now), Err(failure));
 }

@@ -78,12 +78,12 @@ impl Stream {
     ///
     /// # Errors
     ///
-    /// [`Error::TorqueOff`] if the last reading shows the torque off, [`Error::At`] if there is none since the torque was or
-    /// may have been switched: nothing is sent. The line fails.
+    /// [`Error::TorqueOff`] if the last reading shows the torque off, [`Error::Immovable`] if it forbids motion otherwise,
+    /// [`Error::At`] if there is none since the torque was or may have been switched: nothing is sent. The line fails.
     pub fn move_to(&mut self, target: &Move) -> Result<(), Error> {
         match (self.arm.may_move, self.state) {
             (true, _) => self.arm.start(target),
-            (false, Some(state)) => Err(self.arm.without_torque(&state, TorqueOffEffect::MotionEnded)),
+            (false, Some(state)) => Err(self.arm.immovable(&state, TorqueOffEffect::MotionEnded)),
             (false, None) => Err(Error::at(self.name(), "the torque was not read before the first move")),
         }
     }

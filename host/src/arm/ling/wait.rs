@@ -146,7 +146,7 @@ impl Switching {
                         stop::passing(error)?;
                     }
                 },
-                Output::Request(_) => arm.send(self.effect)?,
+                Output::Request(_) => arm.send_to_own(self.effect)?,
                 Output::Wait(_) => return arm.link.check_interrupt().map(|()| None),
                 Output::Done(Ok(outcome)) => return Ok(Some(outcome)),
                 Output::Done(Err(cause)) => return Err(self.no_effect(arm.name(), cause)),
@@ -483,7 +483,8 @@ mod tests {
     #[test]
     fn lost_readings_leave_the_effect_to_the_rest() {
         let (moving, mut arm, _is_called) = moving(1);
-        moving.set(|arm| arm.failing = 2..3);
+        // After a reading and the request.
+        moving.set(|arm| arm.failing = 3..4);
         let outcome = arm.set_torque(Torque::On).unwrap();
         assert!(outcome.is_shown, "{outcome}");
     }

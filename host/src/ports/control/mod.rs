@@ -279,8 +279,8 @@ fn describe(failure: Failure) -> Text {
             "the arm does not answer. It may still move: switch its supply off. Motion is refused for 2 s".to_owned()
         }
         Failure::PoseOutOfRange => {
-            "the arm reports a pose that cannot be held. It may still move: switch its supply off. Motion is refused \
-             for 2 s"
+            "the arm reports a pose that cannot be held, or is not an Alicia-D. It may still move: switch its supply \
+             off. Motion is refused for 2 s"
                 .to_owned()
         }
         Failure::NotStoppable(kind) => {
