@@ -263,6 +263,7 @@ impl<'a, 'b> Session<'a, 'b> {
                     self.is_streaming = true;
                     match self.stream.move_to(&target) {
                         Err(Error::TorqueOff { .. }) => self.motion.abort(&Abort::TorqueLost),
+                        Err(Error::Immovable { reason, .. }) => self.motion.abort(&reason.into()),
                         sent => sent?,
                     }
                 }

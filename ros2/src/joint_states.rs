@@ -158,6 +158,19 @@ mod tests {
     }
 
     #[test]
+    fn reading_of_another_robot_is_an_error() {
+        let bessica = ling::JointState {
+            status: MotionStatus::of_answer(0x01, 33),
+            ..state(2_048, 500)
+        };
+        let error = Reading::new(0, &bessica, Stroke::Mm50).unwrap_err();
+        assert!(
+            error.to_string().contains("a Bessica-D: its answer is 33 data bytes"),
+            "{error}"
+        );
+    }
+
+    #[test]
     fn reading_is_late_after_two_periods() {
         let reading = |at| Reading::new(at, &state(0, 0), Stroke::Mm50).unwrap();
         let is_late = |at| reading(at).is_late_after(&reading(1_000), at, Duration::from_nanos(500));

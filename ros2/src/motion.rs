@@ -5,7 +5,7 @@
 
 use std::collections::VecDeque;
 
-use armwire::ling::Move;
+use armwire::ling::{Immovable, Move};
 use armwire::time::{Duration, Instant};
 use armwire_host::engine::{self, Engine, Fault};
 use armwire_host::trajectory::{Knot, Trajectory};
@@ -56,6 +56,8 @@ pub(crate) enum End {
 pub(crate) enum Abort {
     #[error("the torque was switched off during the motion")]
     TorqueLost,
+    #[error(transparent)]
+    Immovable(Immovable),
     #[error("the adapter stopped the arm")]
     Stopped,
     #[error("the arm was lost: {0}")]
@@ -69,6 +71,15 @@ pub(crate) enum Abort {
     Path { joint: String, distance: f64, allowed: f64 },
     #[error("{joint:?} is {distance:.4} from its goal after the goal time, allowed {allowed:.4}")]
     Goal { joint: String, distance: f64, allowed: f64 },
+}
+
+impl From<Immovable> for Abort {
+    fn from(reason: Immovable) -> Self {
+        match reason {
+            Immovable::TorqueOff(_) => Self::TorqueLost,
+            reason => Self::Immovable(reason),
+        }
+    }
 }
 
 /// A trajectory's progress, by a reading.
@@ -152,9 +163,14 @@ impl Motion {
     ///
     /// The reason for a refusal, which changes nothing.
     pub(crate) fn accept(&mut self, now: Instant, system: i64, order: Order) -> Result<(), Refusal> {
-        if self.reading.state.status.is_torque_off() {
-            return Err(Refusal::TorqueOff);
-        }
+        self.reading
+            .state
+            .status
+            .check_motion()
+            .map_err(|reason| match reason {
+                Immovable::TorqueOff(_) => Refusal::TorqueOff,
+                reason => Refusal::Immovable(reason),
+            })?;
         let lead = micros(trajectory::lead(order.trajectory.header.stamp, system)?);
         let starts = now + lead;
         let trajectory = self.check(&order, starts)?;
@@ -173,9 +189,9 @@ impl Motion {
     pub(crate) fn on_reading(&mut self, at: Instant, reading: &Reading) {
         self.reading = reading.clone();
         self.engine.on_joints(at, &reading.state);
-        if reading.state.status.is_torque_off() {
+        if let Err(reason) = reading.state.status.check_motion() {
             // A later torque-on must not resume it.
-            self.abort(&Abort::TorqueLost);
+            self.abort(&reason.into());
             return;
         }
         self.track(at);
@@ -261,7 +277,7 @@ impl Motion {
     fn end_by(&mut self, now: Instant, end: host::End) {
         let (off, is_path) = match end {
             host::End::Arrived => return self.end_playing(End::Finished),
-            host::End::Fault(Fault::TorqueOff(_)) => return self.abort(&Abort::TorqueLost),
+            host::End::Fault(Fault::Immovable(reason)) => return self.abort(&reason.into()),
             host::End::Fault(Fault::TrackingError(error)) => (error, true),
             host::End::Away(deviation) => (deviation, false),
             host::End::Fault(fault) => return self.end_playing(End::Aborted(Abort::ArmLost(fault.to_string()))),
@@ -726,6 +742,20 @@ mod tests {
         bench.status = MotionStatus::Idle;
         bench.run(5);
         assert_eq!(bench.order(Origin::Topic, 0, &["a"], &[1.0]), Err(Refusal::TorqueOff));
+    }
+
+    #[test]
+    fn unknown_status_aborts_and_refuses_trajectories() {
+        let (mut bench, goal) = (Bench::new(), goal());
+        bench.to(goal, 0, 1.0);
+        bench.run(200);
+        bench.status = MotionStatus::Other(0x42);
+        bench.run(1_000);
+        let unknown = Immovable::UnknownStatus(0x42);
+        assert_eq!(bench.ends(), [(205, goal, End::Aborted(Abort::Immovable(unknown)))]);
+        assert!(bench.moves.iter().all(|(at, _)| *at <= 205), "{:?}", bench.moves);
+        let refused = bench.order(Origin::Topic, 0, &["a"], &[1.0]).unwrap_err();
+        assert_eq!(refused.to_string(), "no document explains the arm's status 0x42");
     }
 
     #[test]

@@ -2,6 +2,8 @@
 
 use std::time::Duration;
 
+use armwire::ling::Immovable;
+
 use crate::messages::{JointTrajectory, JointTrajectoryPoint, Time};
 
 /// Maximum time after the last point.
@@ -114,6 +116,8 @@ pub(crate) enum Refusal {
     Unplayable(armwire_host::trajectory::Refusal),
     #[error("the torque is off")]
     TorqueOff,
+    #[error(transparent)]
+    Immovable(Immovable),
     #[error("the arm does not answer")]
     NoArm,
 }
