@@ -6,7 +6,7 @@ export const AXES = 7;
 
 // The numbers of `State`, `Block`, `StopState`, `TorqueState` and `Event` in web/engine/src.
 export const STATES = ['listening', 'silent', 'answering', 'older generation'];
-export const BLOCKS = [null, 'disabled', 'no reading', 'torque off', 'out of range'];
+export const BLOCKS = [null, 'disabled', 'no reading', 'torque off', 'out of range', 'unknown status', 'another robot'];
 export const STOPS = [null, 'stopping', 'stopped', 'grip may loosen', 'without torque', 'failed'];
 export const TORQUES = [null, 'switching', 'confirmed', 'not shown', 'contradicted', 'no reading'];
 export const EVENTS = [null, 'sent', 'received', 'unknown', 'noise', 'unanswered'];

@@ -5,6 +5,8 @@ const BLOCK_TEXTS = {
   'no reading': 'No fresh reading: the arm does not move.',
   'torque off': 'Torque is off: the arm does not move.',
   'out of range': 'A position is out of range: the arm does not move.',
+  'unknown status': 'No document explains the status: the arm does not move.',
+  'another robot': 'This is not an Alicia-D, as its status shows: nothing moves or holds it.',
 };
 const STOP_TEXTS = {
   stopping: 'The arm is being stopped.',

@@ -8,8 +8,8 @@ use armwire::ling::effect::{self, Effect, EffectError};
 use armwire::ling::legacy::Detector;
 use armwire::ling::stop::{self, Grip, StopError, Stopped};
 use armwire::ling::{
-    Info, JointState, Ling, LingClient, MAX_FRAME, Move, PerServo, ReadBack, Request, Response, SelfCheck, Speed, Stop,
-    Stroke, Torque,
+    Immovable, Info, JointState, Ling, LingClient, MAX_FRAME, MotionStatus, Move, PerServo, ReadBack, Request, Response,
+    SelfCheck, Speed, Stop, Stroke, Torque,
 };
 use armwire::messages::Messages;
 use armwire::time::{Duration, Instant};
@@ -79,6 +79,10 @@ pub enum Block {
     TorqueOff = 3,
     /// The reading has a position out of a target's range.
     OutOfRange = 4,
+    /// No document explains the status.
+    UnknownStatus = 5,
+    /// It is another robot than an Alicia-D.
+    Foreign = 6,
 }
 
 /// The arm's last readings.
@@ -355,8 +359,13 @@ impl Session {
         self.jog.set_speed(speed);
     }
 
-    /// Switches the torque and reads it back. With torque off the arm can fall.
+    /// Switches the torque and reads it back. With torque off the arm can fall. Another robot than an Alicia-D gets no
+    /// torque-on.
     pub fn set_torque(&mut self, now: Instant, torque: Torque) {
+        let is_foreign = |(_, reading): (Instant, JointState)| matches!(reading.status, MotionStatus::Foreign(_));
+        if torque == Torque::On && self.arm.joints.is_some_and(is_foreign) {
+            return;
+        }
         self.jog.release(now);
         self.jog.reset();
         self.end_stop(StopState::None);
@@ -384,8 +393,11 @@ impl Session {
         let Some(reading) = self.fresh(now) else {
             return Some(Block::NoReading);
         };
-        if reading.status.is_torque_off() {
-            return Some(Block::TorqueOff);
+        match reading.status.check_motion() {
+            Err(Immovable::TorqueOff(_)) => return Some(Block::TorqueOff),
+            Err(Immovable::UnknownStatus(_)) => return Some(Block::UnknownStatus),
+            Err(_) => return Some(Block::Foreign),
+            Ok(()) => {}
         }
         let in_range = reading.positions().is_ok() && reading.opening().is_ok();
         (!in_range).then_some(Block::OutOfRange)

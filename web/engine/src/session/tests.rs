@@ -276,6 +276,57 @@ fn nothing_moves_while_the_torque_is_off() {
     assert_eq!((bench.moves(start), bench.count(start, 0x05, 0x00)), (0, 0));
 }
 
+/// Runs a session whose user holds an axis, stops and switches the torque on, with an arm that answers a request for joints
+/// with this frame. Returns the reason against motion, and the moves and torque-on that were sent.
+fn used(joints: &[u8]) -> (Option<Block>, usize, usize) {
+    let mut session = Session::new(Instant::ZERO);
+    session.enable_motion(Instant::ZERO, true);
+    let (mut moves, mut torques, mut block) = (0, 0, None);
+    for millis in 0..5_000 {
+        let now = Instant::from_millis(millis);
+        match millis {
+            500 => session.hold(now, 0, Direction::Up).unwrap(),
+            1_000 => block = session.block(now),
+            1_500 => session.release(now),
+            2_000 => session.stop(now),
+            4_500 => session.set_torque(now, Torque::On),
+            _ => {}
+        }
+        let mut frame = [0; MAX_FRAME];
+        let len = session.transmit(now, &mut frame).unwrap();
+        let Some(request) = Frame::parse(&frame[..len]) else {
+            continue;
+        };
+        match (request.command, request.function) {
+            (0x06, 0x00) => session.receive(now, joints),
+            (0x06, 0x03) => moves += 1,
+            (0x05, 0x00) => torques += 1,
+            _ => {}
+        }
+    }
+    (block, moves, torques)
+}
+
+#[test]
+fn another_robot_is_neither_moved_nor_held() {
+    let bessica = include_bytes!("../../../../protocol/tests/bessica.bin");
+    assert_eq!(used(bessica), (Some(Block::Foreign), 0, 0));
+}
+
+#[test]
+fn arm_of_unknown_status_is_only_stopped() {
+    let state = JointState {
+        joints: [2_000; JOINTS],
+        gripper: 500,
+        status: MotionStatus::Other(0x42),
+    };
+    let mut frame = [0; MAX_FRAME];
+    let len = Ling
+        .encode_response(&Response::Joints(state), None, &mut frame)
+        .unwrap();
+    assert_eq!(used(&frame[..len]), (Some(Block::UnknownStatus), 1, 1));
+}
+
 #[test]
 fn rows_of_readings_have_their_verdicts() {
     const EFFECTS: &str = include_str!("../../../../protocol/tests/effects.txt");
