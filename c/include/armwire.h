@@ -154,6 +154,43 @@ typedef uint32_t ArmwireLingHolding;
 #endif // __cplusplus
 
 /**
+ * Whether an arm may be moved.
+ */
+enum ArmwireLingMotion
+#if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+  : uint32_t
+#endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+ {
+  /**
+   * It may.
+   */
+  ARMWIRE_LING_MOTION_ALLOWED = 0,
+  /**
+   * The torque is off.
+   */
+  ARMWIRE_LING_MOTION_TORQUE_OFF,
+  /**
+   * No document explains the status. A stop is possible.
+   */
+  ARMWIRE_LING_MOTION_UNKNOWN_STATUS,
+  /**
+   * It is another robot than an Alicia-D (`foreign_data_bytes`). Nothing holds it, either.
+   */
+  ARMWIRE_LING_MOTION_FOREIGN,
+  /**
+   * The response is not one of kind JOINTS.
+   */
+  ARMWIRE_LING_MOTION_NO_READING,
+};
+#ifndef __cplusplus
+#if __STDC_VERSION__ >= 202311L
+typedef enum ArmwireLingMotion ArmwireLingMotion;
+#else
+typedef uint32_t ArmwireLingMotion;
+#endif // __STDC_VERSION__ >= 202311L
+#endif // __cplusplus
+
+/**
  * The kind of an `ArmwireEvent`. The members that it sets are named in parentheses.
  */
 enum ArmwireEventKind
@@ -442,7 +479,7 @@ enum ArmwireLingResponseKind
    */
   ARMWIRE_LING_RESPONSE_KIND_STROKE,
   /**
-   * Joints, gripper and status. (`position_ticks`, `opening_per_mille`, `motion_status`)
+   * Joints, gripper and status. (`position_ticks`, `opening_per_mille`, `motion_status`, `foreign_data_bytes`)
    */
   ARMWIRE_LING_RESPONSE_KIND_JOINTS,
   /**
@@ -585,7 +622,7 @@ enum ArmwireLingStopStepKind
    */
   ARMWIRE_LING_STOP_STEP_KIND_MOVING,
   /**
-   * The end: a joint's position is not one of 0 to 4095. The arm may still move.
+   * The end: a joint's position is not one of 0 to 4095, or the robot is not an Alicia-D. It may still move.
    */
   ARMWIRE_LING_STOP_STEP_KIND_UNHOLDABLE,
   /**
@@ -1223,6 +1260,11 @@ typedef struct ArmwireLingResponse {
    * stopped by overheat protection.
    */
   uint8_t motion_status;
+  /**
+   * 0 for an Alicia-D. Otherwise the number of data bytes of an answer with joints that is another robot's: nothing
+   * that moves or holds it is made from it, and `motion_status` is no status. 33 is a Bessica-D.
+   */
+  uint8_t foreign_data_bytes;
   /**
    * Stroke of the gripper: 50, 75 or 100.
    */
@@ -1971,6 +2013,11 @@ ArmwireStatus armwire_ling_stop_on_joints(struct ArmwireLingStop *stop,
  * Holding of its position by an arm with this `motion_status`.
  */
 ArmwireLingHolding armwire_ling_holding(uint8_t motion_status);
+
+/**
+ * Whether the arm with this response of kind JOINTS may be moved. Ask it before the first move: the client sends any.
+ */
+ArmwireLingMotion armwire_ling_check_motion(const struct ArmwireLingResponse *joints);
 
 /**
  * 1 if the joints in a response of kind JOINTS are within 3 ticks of the target's; 0 otherwise. Speeds and the gripper do

@@ -605,6 +605,52 @@ static void bytes_after_documented_fields_are_in_the_event(void)
     CHECK(event.len == 0 && event.bytes == NULL);
 }
 
+/* Joints and gripper with this status, and how an arm that answers them may be moved. */
+static ArmwireLingMotion motion_of(uint8_t status, uint8_t foreign_data_bytes)
+{
+    ArmwireLingResponse joints = {.kind = ARMWIRE_LING_RESPONSE_KIND_JOINTS,
+                                  .motion_status = status,
+                                  .foreign_data_bytes = foreign_data_bytes};
+    return armwire_ling_check_motion(&joints);
+}
+
+static void another_robot_is_named_and_not_held(void)
+{
+    uint8_t frame[] = {0xAA, 0x06, 0x00, 0x21, 0x65, 0x00, 0xcb, 0x00, 0x33, 0x01, 0x91, 0x01, 0xfd,
+                       0x01, 0x59, 0x02, 0xbd, 0x02, 0x29, 0x03, 0x8b, 0x03, 0xf1, 0x03, 0x4f, 0x04,
+                       0xb1, 0x04, 0x15, 0x05, 0x81, 0x05, 0x59, 0x01, 0xa6, 0x02, 0x11, 0x3d, 0xff};
+    ArmwireLingStop stop;
+    ArmwireLingStopStep step;
+    ArmwireEvent event;
+    ArmwireLingResponse response;
+    size_t taken;
+    uint64_t now = 1000000;
+    CHECK_OK(armwire_ling_stop_init(&stop, ARMWIRE_VERSION, NULL));
+    for (;;) {
+        CHECK_OK(armwire_ling_stop_poll(&stop, now, &step));
+        if (step.kind == ARMWIRE_LING_STOP_STEP_KIND_WAIT) {
+            now = step.until_us;
+            continue;
+        }
+        if (step.kind != ARMWIRE_LING_STOP_STEP_KIND_READ_JOINTS) {
+            break;
+        }
+        CHECK_OK(armwire_ling_client_receive(&ling_client, clock_us, frame, sizeof frame, &taken));
+        CHECK_OK(armwire_ling_client_poll(&ling_client, clock_us, &event, &response));
+        CHECK(event.kind == ARMWIRE_EVENT_KIND_UNSOLICITED && event.len == 0);
+        CHECK(response.position_ticks[0] == 0x65 && response.foreign_data_bytes == 33);
+        CHECK(armwire_ling_check_motion(&response) == ARMWIRE_LING_MOTION_FOREIGN);
+        CHECK_OK(armwire_ling_stop_on_joints(&stop, now, &response));
+    }
+    CHECK(step.kind == ARMWIRE_LING_STOP_STEP_KIND_UNHOLDABLE);
+
+    CHECK(motion_of(0x01, 0) == ARMWIRE_LING_MOTION_ALLOWED && motion_of(0xE1, 0) == ARMWIRE_LING_MOTION_ALLOWED);
+    CHECK(motion_of(0x00, 0) == ARMWIRE_LING_MOTION_TORQUE_OFF && motion_of(0xE2, 0) == ARMWIRE_LING_MOTION_TORQUE_OFF);
+    CHECK(motion_of(0x42, 0) == ARMWIRE_LING_MOTION_UNKNOWN_STATUS);
+    CHECK(motion_of(0x01, 33) == ARMWIRE_LING_MOTION_FOREIGN);
+    CHECK(armwire_ling_check_motion(NULL) == ARMWIRE_LING_MOTION_NO_READING);
+}
+
 static void error_frame_ends_the_request_with_its_bytes(void)
 {
     static const uint8_t error[] = {0xAA, 0xEE, 0x00, 0x02, 0x01, 0x03, 0x36, 0xFF};
@@ -629,6 +675,7 @@ int main(int argc, char **argv)
     CHECK_OK(armwire_xarm_client_init(&xarm_client, ARMWIRE_VERSION, NULL));
     bytes_after_documented_fields_are_in_the_event();
     error_frame_ends_the_request_with_its_bytes();
+    another_robot_is_named_and_not_held();
     for (unsigned long round = 0; round < rounds; round++) {
         ling_round();
         alpha1_round();

@@ -158,8 +158,17 @@ int main(int argc, char **argv)
     printf("arm %s, firmware %u.%02u\n", serial, (unsigned)info.firmware_version / 100, (unsigned)info.firmware_version % 100);
 
     ArmwireLingResponse joints = call(armwire_ling_client_read_joints(&arm));
-    if (armwire_ling_holding(joints.motion_status) == ARMWIRE_LING_HOLDING_NO) {
+    switch (armwire_ling_check_motion(&joints)) {
+    case ARMWIRE_LING_MOTION_ALLOWED:
+        break;
+    case ARMWIRE_LING_MOTION_TORQUE_OFF:
         fprintf(stderr, "the torque is off: nothing was sent\n");
+        return 1;
+    case ARMWIRE_LING_MOTION_FOREIGN:
+        fprintf(stderr, "not an Alicia-D (%u data bytes): nothing was sent\n", joints.foreign_data_bytes);
+        return 1;
+    default:
+        fprintf(stderr, "no document explains the arm's status 0x%02x: nothing was sent\n", joints.motion_status);
         return 1;
     }
     /* The gripper keeps its opening. */

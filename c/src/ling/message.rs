@@ -2,8 +2,8 @@
 
 use armwire::OutOfRange;
 use armwire::ling::{
-    GripperSpeed, Info, JOINTS, JointState, Move, Opening, PerServo, Position, Request, Response, SelfCheck,
-    SerialNumber, Speed, Stroke, TemperatureLimit, Torque, Version,
+    GripperSpeed, Info, JOINTS, JointState, MotionStatus, Move, Opening, PerServo, Position, Request, Response,
+    SelfCheck, SerialNumber, Speed, Stroke, TemperatureLimit, Torque, Version,
 };
 
 use crate::device::Refusal;
@@ -151,7 +151,7 @@ pub enum ArmwireLingResponseKind {
     Info,
     /// The configured gripper. (`stroke_mm`)
     Stroke,
-    /// Joints, gripper and status. (`position_ticks`, `opening_per_mille`, `motion_status`)
+    /// Joints, gripper and status. (`position_ticks`, `opening_per_mille`, `motion_status`, `foreign_data_bytes`)
     Joints,
     /// Servo temperatures. (`servos`, `temperature_celsius`)
     Temperatures,
@@ -180,6 +180,9 @@ pub struct ArmwireLingResponse {
     /// Motion status: 0x00 idle, 0x01 locked, 0x10 following, 0x11 following and locked, 0xE1 overheating, 0xE2
     /// stopped by overheat protection.
     pub motion_status: u8,
+    /// 0 for an Alicia-D. Otherwise the number of data bytes of an answer with joints that is another robot's: nothing
+    /// that moves or holds it is made from it, and `motion_status` is no status. 33 is a Bessica-D.
+    pub foreign_data_bytes: u8,
     /// Stroke of the gripper: 50, 75 or 100.
     pub stroke_mm: u8,
     /// The number of servos: 6 (leader) or 10 (follower).
@@ -240,6 +243,9 @@ impl ArmwireLingResponse {
                 self.position_ticks = state.joints;
                 self.opening_per_mille = state.gripper;
                 self.motion_status = state.status.into();
+                if let MotionStatus::Foreign(foreign) = state.status {
+                    self.foreign_data_bytes = foreign.data_bytes;
+                }
                 ArmwireLingResponseKind::Joints
             }
             Some(Response::Temperatures(celsius)) => {
@@ -275,7 +281,10 @@ impl ArmwireLingResponse {
             return Ok(Response::Joints(JointState {
                 joints: self.position_ticks,
                 gripper: self.opening_per_mille,
-                status: self.motion_status.into(),
+                status: match self.foreign_data_bytes {
+                    0 => self.motion_status.into(),
+                    data_bytes => MotionStatus::of_answer(self.motion_status, data_bytes),
+                },
             }));
         }
         if kind(ArmwireLingResponseKind::Temperatures) {

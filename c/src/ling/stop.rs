@@ -1,7 +1,9 @@
 //! Stopping an arm, and the meaning of its readings.
 
 use armwire::ling::stop::{Grip, Output, StopError, Stopped};
-use armwire::ling::{GripperSpeed, JOINTS, MotionStatus, Move, Opening, Position, Request, Response, Speed, Stop};
+use armwire::ling::{
+    GripperSpeed, Immovable, JOINTS, MotionStatus, Move, Opening, Position, Request, Response, Speed, Stop,
+};
 use armwire::time::Instant;
 
 use super::message::{ArmwireLingMove, ArmwireLingResponse};
@@ -44,7 +46,7 @@ pub enum ArmwireLingStopStepKind {
     NoReading,
     /// The end: a joint still moves after 2 s. (`joint`)
     Moving,
-    /// The end: a joint's position is not one of 0 to 4095. The arm may still move.
+    /// The end: a joint's position is not one of 0 to 4095, or the robot is not an Alicia-D. It may still move.
     Unholdable,
     /// The end: readings came within 2 s, but they do not show the arm at rest. It may still move.
     Unconfirmed,
@@ -117,6 +119,22 @@ pub enum ArmwireLingHolding {
     No,
     /// The torque is on.
     Yes,
+}
+
+/// Whether an arm may be moved.
+#[repr(u32)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ArmwireLingMotion {
+    /// It may.
+    Allowed = 0,
+    /// The torque is off.
+    TorqueOff,
+    /// No document explains the status. A stop is possible.
+    UnknownStatus,
+    /// It is another robot than an Alicia-D (`foreign_data_bytes`). Nothing holds it, either.
+    Foreign,
+    /// The response is not one of kind JOINTS.
+    NoReading,
 }
 
 /// Initializes a stop. `version` is ARMWIRE_VERSION. `opening_per_mille` is the last goal of the gripper, 0 to 1000, or
@@ -203,6 +221,20 @@ pub extern "C" fn armwire_ling_holding(motion_status: u8) -> ArmwireLingHolding 
         None => ArmwireLingHolding::Unknown,
         Some(false) => ArmwireLingHolding::No,
         Some(true) => ArmwireLingHolding::Yes,
+    }
+}
+
+/// Whether the arm with this response of kind JOINTS may be moved. Ask it before the first move: the client sends any.
+#[unsafe(no_mangle)]
+pub extern "C" fn armwire_ling_check_motion(joints: Option<&ArmwireLingResponse>) -> ArmwireLingMotion {
+    let Some(Ok(Response::Joints(state))) = joints.map(ArmwireLingResponse::get) else {
+        return ArmwireLingMotion::NoReading;
+    };
+    match state.status.check_motion() {
+        Ok(()) => ArmwireLingMotion::Allowed,
+        Err(Immovable::TorqueOff(_)) => ArmwireLingMotion::TorqueOff,
+        Err(Immovable::UnknownStatus(_)) => ArmwireLingMotion::UnknownStatus,
+        Err(_) => ArmwireLingMotion::Foreign,
     }
 }
 
