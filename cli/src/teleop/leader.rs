@@ -99,7 +99,8 @@ fn stream(port: &Port, baud: Option<NonZeroU32>, recorder: &Recorder) -> Result<
     let mut arm = open(port, baud, Kind::Leader)?;
     arm.set_interrupt(signals::check);
     recorder.tap(Role::Leader, arm.link());
-    match prepare(&mut arm, recorder) {
+    let prepared = prepare(&mut arm, recorder).and_then(|()| Ok(arm.require_own()?));
+    match prepared {
         Ok(()) => Ok(arm.into_stream()),
         Err(error) => Err(error.explained(|error| arm.explain(error))),
     }

@@ -9,6 +9,7 @@ mod call;
 mod can;
 mod common;
 mod decode;
+mod foreign;
 #[cfg(target_os = "linux")]
 mod hangup;
 mod help;

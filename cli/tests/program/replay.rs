@@ -64,7 +64,7 @@ fn joint_state(stamp: Cdr, names: &[&str], positions: &[f64]) -> Vec<u8> {
 }
 
 /// A file in MCAP, deleted at the end.
-struct Recording(PathBuf);
+pub(crate) struct Recording(PathBuf);
 
 impl Recording {
     /// A file of messages of one type, each with its time in milliseconds.
@@ -106,7 +106,7 @@ impl Recording {
     }
 
     /// Frames of a Ling arm from the host (0) or from the arm (1), each with its time in milliseconds.
-    fn frames(frames: &[(u32, u8, Vec<u8>)]) -> Self {
+    pub(crate) fn frames(frames: &[(u32, u8, Vec<u8>)]) -> Self {
         let messages: Vec<_> = frames
             .iter()
             .map(|(millis, direction, frame)| {
@@ -118,7 +118,7 @@ impl Recording {
     }
 
     /// Half a second with readings at 90 % of the goals, whose gripper is at 50 % and whose goals are at 30 %.
-    fn of_a_grip() -> Self {
+    pub(crate) fn of_a_grip() -> Self {
         let frames = (0..=50).flat_map(|n| {
             let goal = 2_048 + 2 * n;
             let joints = [Position::new(goal).unwrap(); 6];
@@ -143,7 +143,7 @@ impl Recording {
         Self::frames(&frames.collect::<Vec<_>>())
     }
 
-    fn path(&self) -> &str {
+    pub(crate) fn path(&self) -> &str {
         self.0.to_str().unwrap()
     }
 

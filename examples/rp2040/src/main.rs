@@ -82,9 +82,12 @@ async fn connect(arm: &mut LingArm, log: &mut Log) {
 async fn turn_wrist_and_grip(arm: &mut LingArm, log: &mut Log) -> Result<(), Error> {
     let state = arm.read_joints().await?;
     show(log, &state);
-    let Ok(mut joints) = state.positions() else {
-        log.line(format_args!("a joint is out of range: not moved"));
-        return Ok(());
+    let mut joints = match state.positions() {
+        Ok(joints) => joints,
+        Err(error) => {
+            log.line(format_args!("{error}: not moved"));
+            return Ok(());
+        }
     };
     // The rotation is towards the centre, so that the goal is in range.
     let wrist = match joints[5] > Position::CENTRE {
