@@ -51,9 +51,11 @@ pub(crate) fn exception(error: Error) -> PyErr {
         Error::Closed { .. } => ClosedError::new_err(text),
         Error::Legacy { .. } => OlderArmError::new_err(text),
         Error::Lost { .. } | Error::Stuck { .. } => PortLostError::new_err(text),
-        Error::Refused { .. } | Error::TorqueOff { .. } | Error::NoEffect { .. } | Error::Unsupported { .. } => {
-            RefusedError::new_err(text)
-        }
+        Error::Refused { .. }
+        | Error::TorqueOff { .. }
+        | Error::Immovable { .. }
+        | Error::NoEffect { .. }
+        | Error::Unsupported { .. } => RefusedError::new_err(text),
         Error::ErrorFrame { .. } => ErrorFrameError::new_err(text),
         Error::Unacceptable { .. } => UnacceptableError::new_err(text),
         _ => PortError::new_err(text),

@@ -26,7 +26,9 @@ mod _armwire {
     #[pymodule_export]
     use super::command::run;
     #[pymodule_export]
-    use super::ling::{LingMotion, LingPort, LingSwitching, ling_angles, ling_away, ling_is_holding, ling_joints};
+    use super::ling::{
+        LingMotion, LingPort, LingSwitching, ling_angles, ling_away, ling_is_holding, ling_joints, ling_motion_refusal,
+    };
     #[pymodule_export]
     use super::reader::{LingReader, XArmReader};
     /// The slowest speed of a move of a Ling arm, in ticks per second.

@@ -264,6 +264,17 @@ pub(crate) fn ling_is_holding(status: u8) -> Option<bool> {
     MotionStatus::from(status).is_holding()
 }
 
+/// The reason why nothing moves an arm with this motion status, or another robot whose answer has so many data bytes; 0
+/// for an Alicia-D. `None` if motion is permitted.
+#[pyfunction]
+pub(crate) fn ling_motion_refusal(status: u8, foreign_data_bytes: u8) -> Option<String> {
+    let status = match foreign_data_bytes {
+        0 => status.into(),
+        data_bytes => MotionStatus::of_answer(status, data_bytes),
+    };
+    status.check_motion().err().map(|reason| reason.to_string())
+}
+
 /// The joints that have not arrived at these targets, in words; `None` if all have.
 #[pyfunction]
 pub(crate) fn ling_away(targets: [u16; JOINTS], ticks: [u16; JOINTS]) -> PyResult<Option<String>> {

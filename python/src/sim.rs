@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
 
-use armwire::ling::{JOINTS, Opening, Position};
+use armwire::ling::{Opening, Position};
 use armwire::time::{Duration, Instant};
 use armwire_sim::alpha1::{Alpha1Robot, BusConfig, RobotConfig, ServoBus};
 use armwire_sim::faults::{Injected, Line, Rates};
@@ -20,6 +20,7 @@ use pyo3::prelude::*;
 
 use crate::alpha1::id;
 use crate::error::value_error;
+use crate::joints::Joints;
 
 /// A thread that serves a virtual arm until it is stopped.
 struct Service {
@@ -161,10 +162,10 @@ impl VirtualLing {
     }
 
     /// True state of the arm, independent of its line: joint ticks, gripper in thousandths, motion status.
-    fn joints(&self) -> ([u16; JOINTS], u16, u8) {
+    fn joints(&self) -> Joints {
         let line = self.0.lock();
         let arm = line.device();
-        (arm.joints(), arm.gripper(), arm.status().into())
+        (arm.joints(), arm.gripper(), arm.status().into(), 0)
     }
 
     /// Moves joint 0 to 5 by hand to a position in ticks. Returns true if it moved.

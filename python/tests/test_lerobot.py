@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 from scripted import MOVE, READ_JOINTS, TORQUE_OFF, TORQUE_ON, Row, RowArm, ScriptedArm, rows
+from test_foreign import Bessica, UnknownStatus
 
 import armwire
 from armwire import MotionStatus, sim
@@ -51,6 +52,34 @@ def robot(virtual: sim.VirtualLing, tmp_path: Path) -> Iterator[Any]:
     yield robot
     if robot.is_connected:
         robot.disconnect()
+
+
+@pytest.mark.parametrize(("kind", "reason"), [(Bessica, "not an Alicia-D"), (UnknownStatus, "status 0x42")])
+def test_only_an_alicia_d_of_known_status_acts(kind: type[ScriptedArm], reason: str, tmp_path: Path) -> None:
+    with kind(lambda _: 2048) as virtual:
+        robot = follower(virtual.port, tmp_path, action_timeout_s=0)
+
+        def act() -> None:
+            with warnings.catch_warnings():
+                # The status shows no torque.
+                warnings.simplefilter("ignore")
+                robot.connect()
+            robot.send_action(POSE)
+
+        with pytest.raises(errors.DeviceNotConnectedError, match=reason):
+            act()
+        assert MOVE not in virtual.requests
+        if robot.is_connected:
+            robot.disconnect()
+
+
+def test_another_robot_leads_no_follower(tmp_path: Path) -> None:
+    with Bessica(lambda _: 2048) as virtual:
+        teleoperator = leader(virtual.port, tmp_path)
+        teleoperator.connect()
+        with pytest.raises(errors.DeviceNotConnectedError, match="not an Alicia-D but a Bessica-D"):
+            teleoperator.get_action()
+        teleoperator.disconnect()
 
 
 def wait_until(holds: Any) -> None:

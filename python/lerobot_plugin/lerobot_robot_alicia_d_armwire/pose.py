@@ -24,7 +24,13 @@ CALIBRATION = (
 
 
 def pose(state: armwire.JointState) -> dict[str, float]:
-    """The pose in an arm's joint state."""
+    """The pose in an arm's joint state.
+
+    Raises:
+        UnacceptableError: It is another robot than an Alicia-D, or a value is out of range.
+    """
+    if state.foreign_data_bytes:
+        raise armwire.errors.UnacceptableError(state.motion_refusal)
     values = [*state.joints_deg.tolist(), float(state.gripper_permille)]
     return dict(zip(FEATURES, values, strict=True))
 

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,6 +30,12 @@ from ._units import (
     speed_ticks,
 )
 from .errors import ArmwireError, UnacceptableError
+
+if TYPE_CHECKING:
+    from typing import TypeAlias
+
+    # Ticks, gripper, status, and the number of data bytes of another robot.
+    Counts: TypeAlias = tuple[tuple[int, ...], int, int, int]
 
 MAX_GRIPPER = 1000
 # Polling interval of waits.
@@ -80,6 +86,9 @@ class JointState:
     """The motion status."""
     extra: bytes = b""
     """Bytes that the arm sent after the documented ones."""
+    foreign_data_bytes: int = 0
+    """0 for an Alicia-D. Otherwise the number of data bytes in the answer of another robot, which nothing moves or
+    holds: 33 is a Bessica-D. The counts, the gripper and the status are other values there."""
 
     @property
     def joints_deg(self) -> Floats:
@@ -101,12 +110,23 @@ class JointState:
     @property
     def is_holding(self) -> bool | None:
         """True if the torque is on, false if it is off; `None` if the status, such as overheating, does not show it."""
+        if self.foreign_data_bytes:
+            return None
         return _armwire.ling_is_holding(self.status)
 
     @property
     def is_torque_off(self) -> bool:
         """True if the torque is off; false if it is on, and if the status does not show it."""
         return self.is_holding is False
+
+    @property
+    def motion_refusal(self) -> str | None:
+        """The reason why the arm is not moved; `None` if it may be moved.
+
+        It is not moved without torque, with a status that no document explains, and if it is another robot than an
+        Alicia-D.
+        """
+        return _armwire.ling_motion_refusal(self.status, self.foreign_data_bytes)
 
 
 @dataclass(frozen=True)
@@ -119,10 +139,11 @@ class LineErrors:
     """Frames with a wrong checksum."""
 
 
-def joint_state(counts: tuple[tuple[int, ...], int, int], extra: bytes = b"") -> JointState:
+def joint_state(counts: Counts, extra: bytes = b"") -> JointState:
     """The state in these counts."""
-    ticks, gripper, status = counts
-    return JointState(tuple(ticks), gripper, _STATUSES.get(status, status), extra)
+    ticks, gripper, status, foreign_data_bytes = counts
+    named = status if foreign_data_bytes else _STATUSES.get(status, status)
+    return JointState(tuple(ticks), gripper, named, extra, foreign_data_bytes)
 
 
 class Wait:
@@ -273,7 +294,8 @@ class Ling(Open):
 
         Raises:
             ValueError: A value is out of range; nothing is sent.
-            RefusedError: The torque is off; the move is not sent.
+            RefusedError: The torque is off, no document explains the status, or it is another robot than an
+                Alicia-D; the move is not sent.
         """
         ticks = position_ticks(joints, DEG_PER_TICK, "degrees")
         speeds = speed_ticks(speed_deg_s, DEG_PER_TICK, "degrees/s")
@@ -357,7 +379,8 @@ class Ling(Open):
             The reading that shows it. Its `is_holding` is `None` after the warning.
 
         Raises:
-            RefusedError: The status shows that the torque was not switched.
+            RefusedError: The status shows that the torque was not switched. Another robot than an Alicia-D is not sent
+                torque-on.
         """
         return self._read_back(_armwire.LingSwitching.torque(on))
 
@@ -368,7 +391,8 @@ class Ling(Open):
             The reading that shows it.
 
         Raises:
-            RefusedError: The joints are not at zero within half a second.
+            RefusedError: The joints are not at zero within half a second. Another robot than an Alicia-D is sent
+                nothing.
         """
         return self._read_back(_armwire.LingSwitching.zero())
 
@@ -426,7 +450,7 @@ class Ling(Open):
             _warn_of_grip(self.port, stacklevel=4)
 
 
-def switched(counts: tuple[tuple[int, ...], int, int], extra: bytes, text: str | None) -> JointState:
+def switched(counts: Counts, extra: bytes, text: str | None) -> JointState:
     """Return the reading that decided. A text warns at the line that called the method of the caller."""
     if text is not None:
         warnings.warn(text, stacklevel=4)

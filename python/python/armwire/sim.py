@@ -145,9 +145,7 @@ class VirtualAlpha1Servos(Open):
         self._arm.set_faults(faults.counts())
 
 
-def ling(
-    *, leader: bool = False, turnaround_us: int = 200, seed: int = 1, plant: str | None = None
-) -> VirtualLing:
+def ling(*, leader: bool = False, turnaround_us: int = 200, seed: int = 1, plant: str | None = None) -> VirtualLing:
     """Start a virtual Ling arm.
 
     Args:

@@ -249,7 +249,7 @@ class SynriaRobotAPI:
 
     def _joint_gripper(self) -> JointState:
         state = self.arm.read_joints()
-        text = _STATUS_TEXTS.get(state.status, "unknown")
+        text = "unknown" if state.foreign_data_bytes else _STATUS_TEXTS.get(state.status, "unknown")
         return JointState(state.joints_rad.tolist(), float(state.gripper_permille), time.time(), text)
 
     def _version(self) -> dict[str, str]:
