@@ -8,7 +8,7 @@ use armwire::ling::{
 use armwire::messages::Messages;
 use armwire::{Device, DeviceEvent};
 
-use crate::common::{Arm, NO_ANSWER, failure, retry_while, run_against};
+use crate::common::{Arm, NO_ANSWER, failure, retry_while, run_against, success};
 
 /// The answer of the vendor's two-armed robot to a request for joints.
 const BESSICA: &[u8] = include_bytes!("../../../protocol/tests/bessica.bin");
@@ -43,6 +43,11 @@ fn encoded(response: &Response) -> Vec<u8> {
 /// Runs a program with PORT in its arguments, the port of a robot that answers a request for joints with these bytes.
 /// Returns its output, and the requests that move or hold.
 fn run_at(joints: &[u8], args: &[&str]) -> (Output, Vec<Request>) {
+    run_at_kind(b"ADFS251205123456", joints, args)
+}
+
+/// As [`run_at`], with this serial number.
+fn run_at_kind(serial: &[u8; 16], joints: &[u8], args: &[&str]) -> (Output, Vec<Request>) {
     let mut motion = Vec::new();
     let output = retry_while(NO_ANSWER, || {
         let mut robot = Device::<Ling, MAX_FRAME>::new(Ling);
@@ -57,7 +62,7 @@ fn run_at(joints: &[u8], args: &[&str]) -> (Output, Vec<Request>) {
                     Request::ReadJoints => joints.to_vec(),
                     Request::ReadStroke => encoded(&Response::Stroke(Stroke::Mm50)),
                     Request::ReadInfo => encoded(&Response::Info(Info {
-                        serial: SerialNumber(*b"ADFS251205123456"),
+                        serial: SerialNumber(*serial),
                         hardware: Version(110),
                         firmware: Version(610),
                     })),
@@ -100,6 +105,17 @@ fn another_robot_is_no_follower() {
     let line = failure(&output);
     assert!(line.ends_with(REFUSED), "{line}");
     assert_eq!(motion, []);
+}
+
+#[test]
+fn another_robot_is_no_leader() {
+    let follower = Arm::start("ling", "foreign-follower", &[]);
+    let before = success(&["call", "ling", &follower.port, "read-joints"]);
+    let (output, motion) = run_at_kind(b"ADLS251205123456", BESSICA, &["teleop", "PORT", &follower.port]);
+    let line = failure(&output);
+    assert!(line.ends_with(REFUSED), "{line}");
+    assert_eq!(motion, []);
+    assert_eq!(success(&["call", "ling", &follower.port, "read-joints"]), before);
 }
 
 #[test]
