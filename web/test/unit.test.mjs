@@ -91,6 +91,28 @@ test('rows of readings have their verdicts', async () => {
   }
 });
 
+test('the reason against motion is shown: another robot, an unknown status', async () => {
+  const bessica = fs.readFileSync(new URL('../../protocol/tests/bessica.bin', import.meta.url));
+  for (const [answer, block, text] of [
+    [bessica, 'another robot', /not an Alicia-D/],
+    [joints(2048, 0x42), 'unknown status', /No document explains the status/],
+    [joints(2048, 0x01), null, /Hold a key/],
+  ]) {
+    const session = await engine();
+    session.startSession(0);
+    session.enableMotion(0, true);
+    let [now, isRead] = [0, false];
+    for (; !isRead; now += 1000) {
+      for (let frame; (frame = session.transmit(now)).length > 0; ) {
+        isRead = frame[1] === 0x06 && frame[2] === 0x00;
+        if (isRead) session.receive(now, answer);
+      }
+    }
+    assert.equal(session.block(now), block);
+    assert.match(motionText(session.block(now), session.stopState(), session.torqueState()).text, text);
+  }
+});
+
 test('a failed stop is shown before the torque', async () => {
   const bench = new Bench(await engine());
   bench.run(1000);
