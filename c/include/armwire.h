@@ -2010,7 +2010,8 @@ ArmwireStatus armwire_ling_stop_on_joints(struct ArmwireLingStop *stop,
                                           const struct ArmwireLingResponse *joints);
 
 /**
- * Holding of its position by an arm with this `motion_status`.
+ * Holding of its position by an arm with this `motion_status`. It has no meaning for another robot
+ * (`foreign_data_bytes`).
  */
 ArmwireLingHolding armwire_ling_holding(uint8_t motion_status);
 

@@ -214,7 +214,8 @@ pub extern "C" fn armwire_ling_stop_on_joints(
         .into()
 }
 
-/// Holding of its position by an arm with this `motion_status`.
+/// Holding of its position by an arm with this `motion_status`. It has no meaning for another robot
+/// (`foreign_data_bytes`).
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_ling_holding(motion_status: u8) -> ArmwireLingHolding {
     match MotionStatus::from(motion_status).is_holding() {
