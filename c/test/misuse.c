@@ -2,7 +2,7 @@
  * out of range, short buffers, calls in any order. Usage: misuse CALLS [SEED] */
 #include "harness.h"
 
-enum Kind { LING_CLIENT, LING_DEVICE, LING_STOP, LING_READ_BACK, ALPHA1_CLIENT, ALPHA1_DEVICE, XARM_CLIENT, XARM_DEVICE, KINDS };
+enum Kind { LING_CLIENT, LING_DEVICE, LING_STOP, LING_READ_BACK, LING_ARRIVAL, ALPHA1_CLIENT, ALPHA1_DEVICE, XARM_CLIENT, XARM_DEVICE, KINDS };
 
 static const size_t sizes[KINDS] = {sizeof(ArmwireLingClient),   sizeof(ArmwireLingDevice),   sizeof(ArmwireLingStop),
                                     sizeof(ArmwireLingReadBack), sizeof(ArmwireAlpha1Client), sizeof(ArmwireAlpha1Device),
@@ -262,7 +262,7 @@ static ArmwireStatus ling_stop_call(ArmwireLingStop *stop)
     default:
         status = armwire_ling_stop_poll(stop, clock_us, or_null(&next));
         if (status == ARMWIRE_STATUS_OK) {
-            CHECK(next.kind <= ARMWIRE_LING_STOP_STEP_KIND_UNCONFIRMED);
+            CHECK(next.kind <= ARMWIRE_LING_STOP_STEP_KIND_MOVED_BY_ANOTHER);
         }
         return status;
     }
@@ -288,6 +288,31 @@ static ArmwireStatus ling_read_back_call(ArmwireLingReadBack *read_back)
         }
         return status;
     }
+}
+
+static ArmwireStatus ling_arrival_call(ArmwireLingArrival *arrival)
+{
+    ArmwireLingArrived arrived;
+    ArmwireLingResponse joints;
+    ArmwireLingMove target;
+    if (one_in(8)) {
+        any_bytes(&target, sizeof target);
+        for (int joint = 0; joint < ARMWIRE_LING_JOINTS; joint++) {
+            target.position_ticks[joint] %= 4200;
+            target.speed_ticks_per_s[joint] = 50 + random_below(&rng, 5000);
+        }
+        target.opening_per_mille %= 1100;
+        return armwire_ling_arrival_init(arrival, one_in(20) ? any32() : ARMWIRE_VERSION, or_null(&target),
+                                         random_below(&rng, 0x10000));
+    }
+    any_bytes(&joints, sizeof joints);
+    joints.kind = one_in(10) ? any32() : ARMWIRE_LING_RESPONSE_KIND_JOINTS;
+    joints.motion_status = one_in(2) ? 1 : any8();
+    ArmwireStatus status = armwire_ling_arrival_on_joints(arrival, clock_us, or_null(&joints), or_null(&arrived));
+    if (status == ARMWIRE_STATUS_OK) {
+        CHECK(arrived.kind <= ARMWIRE_LING_ARRIVED_KIND_ELSEWHERE && arrived.away < 0x80);
+    }
+    return status;
 }
 
 static ArmwireStatus alpha1_client_call(ArmwireAlpha1Client *client)
@@ -408,6 +433,7 @@ static ArmwireStatus call(enum Kind kind, void *memory)
     case LING_DEVICE: return ling_device_call(memory);
     case LING_STOP: return ling_stop_call(memory);
     case LING_READ_BACK: return ling_read_back_call(memory);
+    case LING_ARRIVAL: return ling_arrival_call(memory);
     case ALPHA1_CLIENT: return alpha1_client_call(memory);
     case ALPHA1_DEVICE: return alpha1_device_call(memory);
     case XARM_CLIENT: return xarm_client_call(memory);
@@ -422,6 +448,7 @@ static enum Kind look_into(void *memory)
     ArmwireFault fault;
     if (armwire_ling_stop_on_joints(memory, 0, &none) == ARMWIRE_STATUS_UNKNOWN_KIND) return LING_STOP;
     if (armwire_ling_read_back_on_joints(memory, 0, &none) == ARMWIRE_STATUS_UNKNOWN_KIND) return LING_READ_BACK;
+    if (armwire_ling_arrival_on_joints(memory, 0, &none, NULL) == ARMWIRE_STATUS_UNKNOWN_KIND) return LING_ARRIVAL;
     if (armwire_ling_client_fault(memory, &fault) == ARMWIRE_STATUS_OK) return LING_CLIENT;
     if (armwire_ling_device_fault(memory, &fault) == ARMWIRE_STATUS_OK) return LING_DEVICE;
     if (armwire_alpha1_client_fault(memory, &fault) == ARMWIRE_STATUS_OK) return ALPHA1_CLIENT;

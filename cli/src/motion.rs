@@ -3,13 +3,13 @@
 use std::time::Duration;
 
 use armwire::ling::arrival::Tolerances;
-use armwire::ling::{Move, Request, Torque};
+use armwire::ling::{Move, Request, TICKS_PER_TURN, Torque};
 use armwire_host as host;
 use clap::Args;
 
 use crate::args::ArmPort;
 use crate::call::ling::{TORQUES, Target};
-use crate::call::values::{one_of, seconds};
+use crate::call::values::{one_of, parse, seconds};
 use crate::confirm::{Confirm, Question};
 use crate::error::Error;
 use crate::output::print_line;
@@ -22,10 +22,13 @@ pub(crate) struct MoveArm {
     arm: ArmPort,
     #[command(flatten)]
     target: Target,
-    /// Wait until the joints are within 3 ticks (0.26°) of their targets, and the gripper is within 0.5 % of its stroke or
-    /// has stopped for 1 s, for example at an object.
+    /// Wait until the joints are at rest at their targets, and the gripper is within 0.5 % of its stroke or has stopped for
+    /// 1 s, for example at an object.
     #[arg(long)]
     wait: bool,
+    /// Tolerance of a joint: a servo holds a load by its deviation.
+    #[arg(long, value_name = "DEGREES", requires = "wait", default_value = "5.7", value_parser = within)]
+    within: u16,
     /// Maximum wait. The arm continues to move after it: 'armwire stop' stops it.
     #[arg(long, value_name = "SECONDS", requires = "wait", default_value = "30", value_parser = seconds)]
     timeout: Duration,
@@ -78,14 +81,15 @@ impl MoveArm {
     }
 
     fn move_and_wait(&self, arm: &mut host::Ling, target: &Move) -> Result<(), Error> {
-        match arm.move_and_wait(target, self.timeout) {
-            Ok(state) => match target.away(&state, &Tolerances::MOVE) {
-                None => print_line(format_args!("target reached: {state}")),
-                Some(off) => print_line(format_args!(
-                    "joints reached; {off} and has stopped: is it holding something? {state}"
-                )),
-            },
-            Err(error) => Err(error.into()),
+        let tolerances = Tolerances::within(self.within);
+        let state = arm.move_and_wait(target, tolerances, self.timeout)?;
+        let deviations = target.deviations(&state);
+        match target.away(&state, &tolerances) {
+            Some(off) => print_line(format_args!(
+                "joints reached; {off} and has stopped: is it holding something? {state}"
+            )),
+            None if deviations.are_small() => print_line(format_args!("target reached: {state}")),
+            None => print_line(format_args!("target reached: {state}; {deviations}")),
         }
     }
 }
@@ -112,5 +116,15 @@ impl SetZero {
         question.ask()?;
         let set = arm.set_zero();
         print_line(set.map_err(|error| arm.explain(error))?)
+    }
+}
+
+/// A tolerance in degrees, as ticks.
+fn within(text: &str) -> Result<u16, String> {
+    let degrees: f32 = parse(text, "a number")?;
+    let ticks = degrees * f32::from(TICKS_PER_TURN) / 360.0;
+    match (1.0..=f32::from(TICKS_PER_TURN)).contains(&ticks) {
+        true => Ok(ticks.round() as u16),
+        false => Err(format!("tolerance is {degrees} degrees, must be 0.09 to 360")),
     }
 }

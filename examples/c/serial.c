@@ -185,16 +185,23 @@ int main(int argc, char **argv)
         return 1;
     }
     call(armwire_ling_client_move(&arm, &home));
-    do {
+    ArmwireLingArrival arrival;
+    ArmwireLingArrived arrived = {.kind = ARMWIRE_LING_ARRIVED_KIND_NOT_YET};
+    armwire_ling_arrival_init(&arrival, ARMWIRE_VERSION, &home, ARMWIRE_LING_TOLERANCE);
+    while (!interrupted && arrived.kind <= ARMWIRE_LING_ARRIVED_KIND_RESEND) {
         pause_us(20000);
         if (!try_call(armwire_ling_client_read_joints(&arm), &joints)) {
             return stop(&home.opening_per_mille);
         }
-    } while (!interrupted && !armwire_ling_joints_reached(&home, &joints));
+        armwire_ling_arrival_on_joints(&arrival, now_us(), &joints, &arrived);
+        if (arrived.kind == ARMWIRE_LING_ARRIVED_KIND_RESEND) {
+            call(armwire_ling_client_move(&arm, &home));
+        }
+    }
     if (interrupted) {
         return stop(&home.opening_per_mille);
     }
-    printf("reached");
+    printf(arrived.kind == ARMWIRE_LING_ARRIVED_KIND_ELSEWHERE ? "at rest elsewhere" : "reached");
     for (int joint = 0; joint < ARMWIRE_LING_JOINTS; joint++) {
         printf(" %u", joints.position_ticks[joint]);
     }

@@ -134,7 +134,7 @@ mod ling {
             let world = world(LingArm::new(ArmConfig::follower()));
             let clock = VirtualClock(&world);
             let mut arm = Arm::new(Port(&world), &clock, Config::default());
-            let (info, arrived) = run(&world, tour(&mut arm, &clock, target)).unwrap();
+            let (info, arrived) = run(&world, tour(&mut arm, target)).unwrap();
             assert!(arrived);
             assert_eq!(info.serial, ArmConfig::follower().serial);
             let world = world.borrow();
@@ -151,7 +151,7 @@ mod ling {
 
 mod stop {
     use armwire::ling::stop::{Grip, Stopped};
-    use armwire::ling::{Arm, GripperSpeed, JOINTS, Move, Opening, Position, Speed};
+    use armwire::ling::{Arm, GripperSpeed, JOINTS, Move, Opening, Position, Speed, Stop};
     use armwire_sim::ling::{Config as ArmConfig, LingArm};
 
     use super::{Clock as VirtualClock, Config, Instant, Port, driver, run, world};
@@ -168,7 +168,7 @@ mod stop {
         let stopped = run(&world, async {
             arm.move_to(target).await.unwrap();
             driver::Clock::wait_until(&clock, Instant::from_millis(1_000)).await;
-            arm.stop(Some(target.gripper.0)).await.unwrap()
+            arm.stop(&mut Stop::after(&target)).await.unwrap()
         });
         let Stopped::AtRest {
             state,

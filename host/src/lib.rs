@@ -6,6 +6,7 @@
 //! ```
 //! use std::time::Duration;
 //!
+//! use armwire::ling::arrival::Tolerances;
 //! use armwire::ling::{GripperSpeed, Move, Position, Speed};
 //!
 //! # use std::sync::atomic::{AtomicBool, Ordering};
@@ -23,8 +24,8 @@
 //! let mut joints = pose.positions()?.map(|position| (position, Speed::MAX));
 //! joints[5] = (Position::from_radians(0.1)?, Speed::new(300)?);
 //! let target = Move { joints, gripper: (pose.opening()?, GripperSpeed(1000)) };
-//! let reached = arm.move_and_wait(&target, Duration::from_secs(10))?;
-//! assert!(target.is_reached_by(&reached));
+//! let reached = arm.move_and_wait(&target, Tolerances::MOVE, Duration::from_secs(10))?;
+//! assert!(target.deviations(&reached).are_small());
 //! # Ok(())
 //! # })();
 //! # stop.store(true, Ordering::Relaxed);
@@ -75,7 +76,7 @@ pub use armwire;
 pub use armwire_bridge as bridge;
 
 pub use arm::alpha1::Alpha1;
-pub use arm::ling::{Ling, MotionReadings, Stream, Switching};
+pub use arm::ling::{Ling, MotionReadings, Stream, Switching, Wait};
 pub use arm::pose::{OnPose, Pose, XArmPose};
 pub use arm::shared::Shared;
 pub use arm::xarm::XArm;

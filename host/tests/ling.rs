@@ -7,6 +7,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
+use armwire::ling::arrival::Tolerances;
 use armwire::ling::stop::{Grip, Stopped};
 use armwire::ling::{GripperSpeed, JointState, Move, Opening, Position, Request, Speed, Torque};
 use armwire_host::{Error, Ling, Remedy, Stream, Tap};
@@ -74,7 +75,7 @@ fn torque_off_by_the_link_refuses_a_move() {
 #[test]
 fn unreached_target_is_an_error_with_the_pose() {
     with_arm(|arm| {
-        let error = patient(|| arm.move_and_wait(&far_target(), Duration::ZERO)).unwrap_err();
+        let error = patient(|| arm.move_and_wait(&far_target(), Tolerances::MOVE, Duration::ZERO)).unwrap_err();
         let Error::NotReached { state, .. } = &error else {
             panic!("{error}");
         };
@@ -93,8 +94,10 @@ fn lost_answers_do_not_end_a_wait() {
         };
         // The answers to one reading and its repeats, and to half of the next.
         lost.store(4 * JOINTS_ANSWER + JOINTS_ANSWER / 2, Ordering::Relaxed);
-        let reached = arm.move_and_wait(&target, Duration::from_secs(60)).unwrap();
-        assert!(target.is_reached_by(&reached));
+        let reached = arm
+            .move_and_wait(&target, Tolerances::MOVE, Duration::from_secs(60))
+            .unwrap();
+        assert!(target.deviations(&reached).are_small());
         assert_eq!(lost.load(Ordering::Relaxed), 0);
     });
 }
@@ -107,7 +110,9 @@ fn arm_that_falls_silent_is_asked_to_stop() {
             after: 3 * JOINTS_ANSWER,
             lost: Arc::clone(lost),
         });
-        let error = arm.move_and_wait(&far_target(), Duration::from_secs(60)).unwrap_err();
+        let error = arm
+            .move_and_wait(&far_target(), Tolerances::MOVE, Duration::from_secs(60))
+            .unwrap_err();
         let Error::Unanswered { silence, .. } = &error else {
             panic!("{error}");
         };
@@ -131,7 +136,7 @@ fn interrupt_stops_the_arm_that_moves() {
         });
         let moved = patient(|| {
             left.store(10, Ordering::Relaxed);
-            arm.move_and_wait(&far_target(), Duration::from_secs(60))
+            arm.move_and_wait(&far_target(), Tolerances::MOVE, Duration::from_secs(60))
         });
         let Error::Stopped { stopped, reason, .. } = moved.unwrap_err() else {
             panic!("the motion is not interrupted");
@@ -162,7 +167,7 @@ fn interrupt_that_reports_once_stops_the_arm() {
         });
         let moved = patient(|| {
             left.store(10, Ordering::Relaxed);
-            arm.move_and_wait(&far_target(), Duration::from_secs(60))
+            arm.move_and_wait(&far_target(), Tolerances::MOVE, Duration::from_secs(60))
         });
         let error = moved.unwrap_err();
         assert!(

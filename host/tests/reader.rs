@@ -8,6 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::Duration;
 
+use armwire::ling::arrival::Tolerances;
 use armwire::ling::{GripperSpeed, Move, Opening, Position, Speed};
 use armwire_host::{Error, Rate, Reader, Reading, Shared, Stamping, XArm};
 use armwire_sim::ling::{Config, LingArm};
@@ -53,18 +54,18 @@ fn commands_go_on_while_the_pose_is_read() {
             joints: [(Position::new(2_200).unwrap(), Speed::MAX); 6],
             gripper: (Opening::OPEN, GripperSpeed(1_000)),
         };
-        assert!(!target.is_reached_by(&from));
+        assert!(!target.deviations(&from).are_small());
         patient(|| reader.arm().call(|arm| arm.move_to(&target))).unwrap();
         let mut reading = next(&reader, 1);
-        while !target.is_reached_by(&reading.pose) {
+        while !target.deviations(&reading.pose).are_small() {
             reading = next(&reader, reading.number);
         }
         let wait = || {
             reader
                 .arm()
-                .call(|arm| arm.move_and_wait(&target, Duration::from_secs(60)))
+                .call(|arm| arm.move_and_wait(&target, Tolerances::MOVE, Duration::from_secs(60)))
         };
-        assert!(target.is_reached_by(&patient(wait).unwrap()));
+        assert!(target.deviations(&patient(wait).unwrap()).are_small());
     });
 }
 

@@ -1,5 +1,6 @@
 use armwire::driver::{CallError, Clock};
-use armwire::ling::{Arm, Info, Move, Stroke, TemperatureLimit, Torque};
+use armwire::ling::arrival::{Arrived, Tolerances};
+use armwire::ling::{Arm, Info, Move, Stop, Stroke, TemperatureLimit, Torque};
 use armwire::time::Duration;
 use embedded_io_async::{Read, Write};
 
@@ -7,7 +8,6 @@ use embedded_io_async::{Read, Write};
 /// it did.
 async fn tour<P: Read + Write>(
     arm: &mut Arm<P, impl Clock>,
-    clock: impl Clock,
     target: Move,
 ) -> Result<(Info, bool), CallError<P::Error>> {
     let info = arm.read_info().await?;
@@ -16,17 +16,16 @@ async fn tour<P: Read + Write>(
     }
     arm.set_temperature_limit(TemperatureLimit::FACTORY).await?;
     arm.set_torque(Torque::On).await?;
-    arm.move_to(target).await?;
-
-    let deadline = clock.now() + Duration::from_millis(10_000);
-    while clock.now() < deadline {
-        let near = target.are_joints_reached_by(&arm.read_joints().await?);
-        // One velocity per servo: a joint may have two servos.
-        let still = arm.read_velocities().await?.as_slice().iter().all(|&speed| speed == 0);
-        if near && still {
-            arm.set_zero().await?; // switches the torque off: a load that the arm holds falls
-            return Ok((info, true));
-        }
+    let arrived = arm.move_and_wait(target, Tolerances::MOVE, Duration::from_millis(10_000)).await?;
+    if !matches!(arrived, Arrived::AtTarget(_)) {
+        arm.stop(&mut Stop::after(&target)).await?;
+        return Ok((info, false));
     }
-    Ok((info, false))
+    // One velocity per servo: a joint may have two servos.
+    let velocities = arm.read_velocities().await?;
+    let is_still = velocities.as_slice().iter().all(|&velocity| velocity == 0);
+    if is_still {
+        arm.set_zero().await?; // switches the torque off: a load that the arm holds falls
+    }
+    Ok((info, is_still))
 }

@@ -845,7 +845,7 @@ fn failed_stop_is_an_error() {
     let world = world();
     world.borrow_mut().turnaround = Duration::from_millis(100_000);
     let mut arm = arm(&world);
-    let stopped = run(&world, arm.stop(None));
+    let stopped = run(&world, arm.stop(&mut Stop::new(None)));
     assert_eq!(stopped, Err(CallError::NotStopped(stop::StopError::NoReading)));
 }
 

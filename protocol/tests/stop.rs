@@ -119,7 +119,7 @@ fn moving_arm_stops_at_its_reading() {
             grip
         })
     );
-    assert!(arm.moves[0].are_joints_reached_by(&state));
+    assert_eq!(arm.moves[0].deviations(&state), deviations);
     assert_eq!(arm.setpoints(), 1);
     assert_eq!(arm.moves[0].gripper.0, Opening::CLOSED);
     assert_eq!(arm.torques, [Torque::On]);
@@ -146,7 +146,7 @@ fn undocumented_status_does_not_prevent_a_stop() {
     arm.status = MotionStatus::Other(0x42);
     let stopped = arm.stop(None);
     assert!(matches!(stopped, Ok(Stopped::AtRest { .. })), "{stopped:?}");
-    assert!(arm.moves[0].are_joints_reached_by(&arm.state()));
+    assert!(arm.moves[0].deviations(&arm.state()).are_small());
 }
 
 #[test]

@@ -14,6 +14,7 @@ mod exceptions {
     pyo3::import_exception!(armwire.errors, DamagedError);
     pyo3::import_exception!(armwire.errors, ErrorFrameError);
     pyo3::import_exception!(armwire.errors, LateError);
+    pyo3::import_exception!(armwire.errors, NotReachedError);
     pyo3::import_exception!(armwire.errors, NotStoppedError);
     pyo3::import_exception!(armwire.errors, OlderArmError);
     pyo3::import_exception!(armwire.errors, PortError);
@@ -25,8 +26,8 @@ mod exceptions {
 }
 
 use exceptions::{
-    AbsentError, ClosedError, DamagedError, ErrorFrameError, LateError, NoPoseError, NotStoppedError, OlderArmError,
-    PortError, PortLostError, RefusedError, UnacceptableError, WrongArmError,
+    AbsentError, ClosedError, DamagedError, ErrorFrameError, LateError, NoPoseError, NotReachedError, NotStoppedError,
+    OlderArmError, PortError, PortLostError, RefusedError, UnacceptableError, WrongArmError,
 };
 
 /// The exception for an error.
@@ -47,6 +48,7 @@ pub(crate) fn exception(error: Error) -> PyErr {
         },
         Error::Unanswered { silence, .. } if silence.stopped.is_ok() => AbsentError::new_err(text),
         Error::NotStopped { .. } | Error::Unanswered { .. } => NotStoppedError::new_err(text),
+        Error::NotReached { .. } => NotReachedError::new_err(text),
         Error::NoPose { .. } => NoPoseError::new_err(text),
         Error::Closed { .. } => ClosedError::new_err(text),
         Error::Legacy { .. } => OlderArmError::new_err(text),

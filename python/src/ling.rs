@@ -2,16 +2,16 @@
 
 use std::num::NonZeroU32;
 use std::sync::Mutex;
+use std::time::Duration;
 
-use armwire::ling::arrival::Tolerances;
 use armwire::ling::effect::Effect;
 use armwire::ling::stop::{Grip, Stopped};
 use armwire::ling::{
-    self, GripperSpeed, JOINTS, JointState, Kind, MotionStatus, Move, Opening, Position, Speed, Stroke,
-    TemperatureLimit, Torque,
+    self, GripperSpeed, JOINTS, JointState, Kind, MotionStatus, Opening, Position, Speed, Stroke, TemperatureLimit,
+    Torque,
 };
 use armwire::messages::Messages;
-use armwire_host::{Error, Ling, MotionReadings, Switching};
+use armwire_host::{Error, Ling, Switching, Wait};
 use pyo3::prelude::*;
 use pyo3::types::PyByteArray;
 
@@ -23,18 +23,9 @@ use crate::session::{Session, check_signals, lock};
 /// Bytes of an answer after its documented fields.
 type Extra = Vec<u8>;
 
-/// The readings of one wait for a motion.
+/// A wait for the joints at a target.
 #[pyclass(frozen, module = "armwire._armwire")]
-#[derive(Default)]
-pub(crate) struct LingMotion(Mutex<MotionReadings>);
-
-#[pymethods]
-impl LingMotion {
-    #[new]
-    fn new() -> Self {
-        Self::default()
-    }
-}
+pub(crate) struct LingWait(Mutex<Wait>);
 
 /// A request whose effect is read back.
 #[pyclass(frozen, module = "armwire._armwire")]
@@ -88,10 +79,23 @@ impl LingPort {
         self.read(py, Ling::read_joints)
     }
 
-    /// The joints in a wait, or `None` without an answer. Refused if the torque went off after a move.
-    fn read_motion(&self, py: Python<'_>, motion: &LingMotion) -> PyResult<Option<(Joints, Extra)>> {
+    /// A wait for the joints at these positions, from now on. The tolerance is in ticks.
+    fn wait(&self, py: Python<'_>, positions: [u16; JOINTS], within: u16, timeout_s: f64) -> PyResult<LingWait> {
+        let mut joints = [Position::CENTRE; JOINTS];
+        for (joint, ticks) in joints.iter_mut().zip(positions) {
+            *joint = Position::new(ticks).map_err(value_error)?;
+        }
+        let limit = Duration::try_from_secs_f64(timeout_s).map_err(value_error)?;
+        let wait = self
+            .0
+            .with(py, |arm| Ok(Wait::for_joints(arm, joints, within, limit)))?;
+        Ok(LingWait(Mutex::new(wait)))
+    }
+
+    /// The joints at the target of a wait; `None` before. Refused if the torque went off after a move.
+    fn read_wait(&self, py: Python<'_>, wait: &LingWait) -> PyResult<Option<(Joints, Extra)>> {
         self.0.with(py, |arm| {
-            let state = lock(&motion.0).read(arm)?;
+            let state = lock(&wait.0).read(arm)?;
             Ok(state.map(|state| (joints(state), extra(arm))))
         })
     }
@@ -273,23 +277,4 @@ pub(crate) fn ling_motion_refusal(status: u8, foreign_data_bytes: u8) -> Option<
         data_bytes => MotionStatus::of_answer(status, data_bytes),
     };
     status.check_motion().err().map(|reason| reason.to_string())
-}
-
-/// The joints that have not arrived at these targets, in words; `None` if all have.
-#[pyfunction]
-pub(crate) fn ling_away(targets: [u16; JOINTS], ticks: [u16; JOINTS]) -> PyResult<Option<String>> {
-    let mut target = Move {
-        joints: [(Position::CENTRE, Speed::MAX); JOINTS],
-        gripper: (Opening::CLOSED, GripperSpeed(0)),
-    };
-    for ((position, _speed), ticks) in target.joints.iter_mut().zip(targets) {
-        *position = Position::new(ticks).map_err(value_error)?;
-    }
-    let state = JointState {
-        joints: ticks,
-        gripper: 0,
-        status: MotionStatus::Locked,
-    };
-    let away = target.away(&state, &Tolerances::JOINTS);
-    Ok(away.map(|away| away.to_string()))
 }

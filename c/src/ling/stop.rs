@@ -1,9 +1,7 @@
 //! Stopping an arm, and the meaning of its readings.
 
 use armwire::ling::stop::{Grip, Output, StopError, Stopped};
-use armwire::ling::{
-    GripperSpeed, Immovable, JOINTS, MotionStatus, Move, Opening, Position, Request, Response, Speed, Stop,
-};
+use armwire::ling::{Immovable, JOINTS, MotionStatus, Opening, Request, Response, Stop};
 use armwire::time::Instant;
 
 use super::message::{ArmwireLingMove, ArmwireLingResponse};
@@ -237,25 +235,4 @@ pub extern "C" fn armwire_ling_check_motion(joints: Option<&ArmwireLingResponse>
         Err(Immovable::UnknownStatus(_)) => ArmwireLingMotion::UnknownStatus,
         Err(_) => ArmwireLingMotion::Foreign,
     }
-}
-
-/// 1 if the joints in a response of kind JOINTS are within 3 ticks of the target's; 0 otherwise. Speeds and the gripper do
-/// not count: a gripper may hold an object.
-#[unsafe(no_mangle)]
-pub extern "C" fn armwire_ling_joints_reached(
-    target: Option<&ArmwireLingMove>,
-    joints: Option<&ArmwireLingResponse>,
-) -> u8 {
-    let (Some(target), Some(Ok(Response::Joints(state)))) = (target, joints.map(ArmwireLingResponse::get)) else {
-        return 0;
-    };
-    let mut joints = [(Position::CENTRE, Speed::MAX); JOINTS];
-    for ((position, _), ticks) in joints.iter_mut().zip(target.position_ticks) {
-        match Position::new(ticks) {
-            Ok(target) => *position = target,
-            Err(_) => return 0,
-        }
-    }
-    let gripper = (Opening::CLOSED, GripperSpeed(0));
-    Move { joints, gripper }.are_joints_reached_by(&state).into()
 }

@@ -107,21 +107,16 @@ async fn turn_wrist_and_grip(arm: &mut LingArm, log: &mut Log) -> Result<(), Err
     move_to(arm, log, goal).await
 }
 
-/// Moves, and logs positions until the goal is reached. The limit is 10 s, because a gripper that holds something does
-/// not close.
+/// Moves, and waits for the arrival, 10 s at most. A gripper that holds something does not close.
 async fn move_to(arm: &mut LingArm, log: &mut Log, goal: Move) -> Result<(), Error> {
-    arm.move_to(goal).await?;
     log.line(format_args!("moving"));
-    for _ in 0..500 {
-        let state = arm.read_joints().await?;
-        show(log, &state);
-        if goal.is_reached_by(&state) {
-            log.line(format_args!("arrived"));
-            return Ok(());
-        }
-        Timer::after_millis(20).await;
+    let limit = Duration::from_millis(10_000);
+    match arm.move_and_wait(goal, Tolerances::MOVE, limit).await? {
+        Arrived::AtTarget(_) => log.line(format_args!("arrived")),
+        Arrived::GripperStandsStill(away) => log.line(format_args!("arrived, but {away}")),
+        Arrived::Elsewhere(away) => log.line(format_args!("not arrived: {away}")),
+        Arrived::NotYet(_) | Arrived::Resend => log.line(format_args!("not arrived after 10 s")),
     }
-    log.line(format_args!("not arrived after 10 s"));
     Ok(())
 }
 

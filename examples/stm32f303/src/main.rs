@@ -11,7 +11,7 @@
 
 use armwire::Config;
 use armwire::driver::{CallError, Clock};
-use armwire::ling::Arm;
+use armwire::ling::{Arm, Stop};
 use armwire::time::Instant;
 use defmt::info;
 use embassy_executor::Spawner;
@@ -69,7 +69,7 @@ async fn main(_spawner: Spawner) {
 /// Stops the arm, and logs its joints in ticks, 4096 per turn, until a call fails.
 async fn stop_and_read(arm: &mut LingArm) -> Result<(), Error> {
     // The last goal of the gripper is unknown.
-    info!("{}", arm.stop(None).await?);
+    info!("{}", arm.stop(&mut Stop::new(None)).await?);
     loop {
         let state = arm.read_joints().await?;
         info!("joints {} gripper {} {}", state.joints, state.gripper, state.status);

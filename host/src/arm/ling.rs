@@ -24,7 +24,7 @@ use crate::ports::port::Connection;
 use crate::time::silence::SilenceLimit;
 
 pub use stream::Stream;
-pub use wait::{MotionReadings, Switching};
+pub use wait::{MotionReadings, Switching, Wait};
 
 /// A Ling arm on a port, which [`Connection::ling`] opens.
 ///
@@ -34,6 +34,7 @@ pub use wait::{MotionReadings, Switching};
 /// ```no_run
 /// use std::time::Duration;
 ///
+/// use armwire::ling::arrival::Tolerances;
 /// use armwire::ling::{GripperSpeed, Move, Speed};
 ///
 /// let mut arm = armwire_host::open("/dev/ttyUSB0")?.ling()?;
@@ -43,7 +44,7 @@ pub use wait::{MotionReadings, Switching};
 ///     joints: pose.positions()?.map(|position| (position, speed)),
 ///     gripper: (pose.opening()?, GripperSpeed(1000)),
 /// };
-/// arm.move_and_wait(&target, Duration::from_secs(5))?;
+/// arm.move_and_wait(&target, Tolerances::MOVE, Duration::from_secs(5))?;
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub struct Ling {

@@ -85,12 +85,12 @@ pub enum Error {
     NoEffect { name: Outside, cause: EffectError },
     /// The arm in motion did not answer for [`Ling::SILENCE`](crate::Ling::SILENCE), and was asked to stop.
     Unanswered { name: Outside, silence: Box<SilentMotion> },
-    /// The arm did not reach its target within the limit. It may move on.
+    /// The arm did not reach its target: it is at rest elsewhere, or it still moves after this limit and may move on.
     NotReached {
         name: Outside,
         state: JointState,
-        away: Away,
-        limit: Duration,
+        limit: Option<Duration>,
+        away: Option<Away>,
     },
     /// The program's [interrupt](crate::Interrupt) returned this error, and the arm was stopped.
     Stopped {
@@ -223,12 +223,22 @@ impl Error {
             Self::NotReached {
                 name,
                 state,
-                away,
                 limit,
+                away,
             } => {
-                let (seconds, status) = (limit.as_secs_f32(), state.status);
-                let what = format!("target not reached after {seconds} s: {away} (status {status})");
-                at(name, &what).remedy(Remedy::Stop)
+                let what = match (limit, away) {
+                    (None, None) => "target not reached".to_owned(),
+                    (None, Some(away)) => format!("at rest away from the target: {away}"),
+                    (Some(limit), None) => format!("still moves after {} s", limit.as_secs_f32()),
+                    (Some(limit), Some(away)) => {
+                        format!("target not reached after {} s: {away}", limit.as_secs_f32())
+                    }
+                };
+                let error = at(name, &format!("{what} (status {})", state.status));
+                match limit {
+                    Some(_) => error.remedy(Remedy::Stop),
+                    None => error,
+                }
             }
             Self::Stopped { name, reason, .. } => at(name, &format!("stopped: {reason}")),
             Self::Disabled { name, feature } => at(

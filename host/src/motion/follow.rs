@@ -7,7 +7,7 @@ use std::error;
 use std::fmt;
 
 use armwire::OutOfRange;
-use armwire::ling::{Immovable, JOINTS, JointState, Move, Opening};
+use armwire::ling::{Immovable, JOINTS, JointState, Move, Opening, Rest};
 use armwire::time::{Duration, Instant};
 
 use crate::motion::axes::{AXES, Off, degrees, farthest, seconds};
@@ -402,7 +402,7 @@ impl Script {
         };
         let poses = || self.history.iter().rev().filter(|(made, _)| *made <= at);
         let least = poses().map(|(_, pose)| distance(pose)).min()?;
-        let nearest = poses().find(|(_, pose)| distance(pose) <= least + Move::JOINT_TOLERANCE)?;
+        let nearest = poses().find(|(_, pose)| distance(pose) <= least + Rest::TOLERANCE)?;
         Some(at.since(nearest.0))
     }
 }

@@ -36,66 +36,97 @@ pub struct Deviations(pub [i32; JOINTS]);
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Arrived {
-    /// Axes have not arrived yet.
-    NotYet(Away),
-    /// The end: all axes are at the target.
-    AtTarget,
-    /// The end: the joints are at the target, and the gripper stands still away from it. It may hold something.
+    /// Axes move, or may still begin to. The axes away from the target, if there are any.
+    NotYet(Option<Away>),
+    /// The joints stand although the move has not ended at its target: it may be lost. Send it once more, unless the arm
+    /// was stopped or sent elsewhere meanwhile. The arrival goes on either way.
+    Resend,
+    /// The end: all axes are at rest at the target, with these deviations.
+    AtTarget(Deviations),
+    /// The end: the joints are at rest at the target, and the gripper stands still away from it. It may hold something.
     GripperStandsStill(Away),
+    /// The end: the joints are at rest away from the target. Something may be in the way.
+    Elsewhere(Away),
 }
 
-/// The arrival at the target of a move: a state machine without I/O. Readings go in.
+/// The arrival at the target of a move: a state machine without I/O. Readings go in, at most [`Rest::LARGEST_GAP`] apart.
+///
+/// An arm has arrived when it is at rest within the tolerances, and not before the joints can have travelled their
+/// distance at their speeds. A joint does not stop exactly at its target: a servo holds a load by its error.
+///
+/// ```
+/// use armwire::ling::arrival::{Arrival, Arrived, Tolerances};
+/// use armwire::ling::{GripperSpeed, JointState, MotionStatus, Move, Opening, Position, Speed};
+/// use armwire::time::Instant;
+///
+/// let target = Move {
+///     joints: [(Position::CENTRE, Speed::new(500)?); 6],
+///     gripper: (Opening::CLOSED, GripperSpeed(1000)),
+/// };
+/// let mut arrival = Arrival::new(target, Tolerances::MOVE);
+/// // Joint 2 rests 10 ticks below its goal.
+/// let state = JointState { joints: [2048, 2038, 2048, 2048, 2048, 2048], gripper: 0, status: MotionStatus::Locked };
+/// let mut arrived = Vec::new();
+/// for millis in (0..).step_by(20) {
+///     match arrival.on_joints(Instant::from_millis(millis), &state) {
+///         Arrived::NotYet(_) => {}
+///         Arrived::AtTarget(deviations) => {
+///             assert_eq!(deviations.to_string(), "joint 2 rests 0.88° below its goal");
+///             break;
+///         }
+///         other => arrived.push(other),
+///     }
+/// }
+/// // It has not moved at all.
+/// assert_eq!(arrived, [Arrived::Resend]);
+/// # Ok::<(), armwire::OutOfRange>(())
+/// ```
 #[derive(Clone, Copy, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Arrival {
     target: Move,
     tolerances: Tolerances,
+    /// The first reading.
+    start: Option<[u16; JOINTS]>,
+    /// The time at which the joints can be at the target.
+    due: Instant,
+    has_resent: bool,
+    rest: Rest,
     /// The gripper's reading, and the time since which it is the same.
     still: Option<(Instant, u16)>,
 }
 
 impl Tolerances {
-    /// Those of a move: 0.26° a joint, and 0.5 % of the gripper's stroke.
-    pub const MOVE: Self = Self {
-        joints: [Some(Move::JOINT_TOLERANCE); JOINTS],
-        gripper: Some(Move::GRIPPER_TOLERANCE),
-    };
+    /// Those of a move, as in the vendor's software: 0.1 rad (5.7°) a joint, and 0.5 % of the gripper's stroke.
+    pub const MOVE: Self = Self::within(Self::JOINT);
     /// Those of a move, for the joints alone.
     pub const JOINTS: Self = Self {
         gripper: None,
         ..Self::MOVE
     };
+    /// That of a joint in a [move](Self::MOVE), in ticks.
+    pub const JOINT: u16 = 65;
+    /// That of the gripper in a [move](Self::MOVE), in thousandths of the stroke.
+    pub const GRIPPER: u16 = 5;
+
+    /// This tolerance of each joint, in ticks, and the gripper's of a [move](Self::MOVE).
+    pub const fn within(ticks: u16) -> Self {
+        Self {
+            joints: [Some(ticks); JOINTS],
+            gripper: Some(Self::GRIPPER),
+        }
+    }
 }
 
 impl Move {
-    /// The distance of a joint from its target, in ticks, within which it has arrived: 0.26°.
-    pub const JOINT_TOLERANCE: u16 = 3;
-    /// The distance of the gripper from its target, in thousandths of the stroke, within which it has arrived.
-    pub const GRIPPER_TOLERANCE: u16 = 5;
-
-    /// Returns true if the joints and the gripper have arrived, within the tolerances.
-    ///
-    /// A gripper that holds an object does not arrive: see [`are_joints_reached_by`](Self::are_joints_reached_by).
-    ///
-    /// ```
-    /// use armwire::ling::{GripperSpeed, JointState, MotionStatus, Move, Opening, Position, Speed};
-    ///
-    /// let home = Move {
-    ///     joints: [(Position::CENTRE, Speed::MAX); 6],
-    ///     gripper: (Opening::CLOSED, GripperSpeed(1000)),
-    /// };
-    /// let mut state = JointState { joints: [2051; 6], gripper: 5, status: MotionStatus::Locked };
-    /// assert!(home.is_reached_by(&state));
-    /// state.gripper = 300;
-    /// assert!(!home.is_reached_by(&state) && home.are_joints_reached_by(&state));
-    /// ```
-    pub fn is_reached_by(&self, state: &JointState) -> bool {
-        self.away(state, &Tolerances::MOVE).is_none()
-    }
-
-    /// Returns true if all joints have arrived, within [`JOINT_TOLERANCE`](Self::JOINT_TOLERANCE).
-    pub fn are_joints_reached_by(&self, state: &JointState) -> bool {
-        self.away(state, &Tolerances::JOINTS).is_none()
+    /// The time that the joints need from this reading at their speeds, if nothing holds them up.
+    pub fn time_from(&self, state: &JointState) -> Duration {
+        let axes = self.joints.iter().zip(state.joints);
+        let times = axes.map(|((target, speed), at)| {
+            let speed = speed.ticks_per_second().max(1);
+            u64::from(target.ticks().abs_diff(at)) * 1_000_000 / u64::from(speed)
+        });
+        Duration::from_micros(times.max().unwrap_or(0))
     }
 
     /// The deviations of a reading from the target.
@@ -147,29 +178,61 @@ impl Arrival {
     /// A gripper whose reading is the same for this long stands still.
     pub const STANDSTILL: Duration = Duration::from_millis(1_000);
 
-    /// The arrival at this target.
+    /// The arrival at this target of a move that was just sent.
     pub const fn new(target: Move, tolerances: Tolerances) -> Self {
-        let still = None;
         Self {
             target,
             tolerances,
-            still,
+            start: None,
+            due: Instant::ZERO,
+            has_resent: false,
+            rest: Rest::new(),
+            still: None,
         }
+    }
+
+    /// The target.
+    pub const fn target(&self) -> &Move {
+        &self.target
+    }
+
+    /// The axes of this reading that are away from the target.
+    pub fn away(&self, state: &JointState) -> Option<Away> {
+        self.target.away(state, &self.tolerances)
     }
 
     /// Takes a reading of the joints that arrived at `now`.
     pub fn on_joints(&mut self, now: Instant, state: &JointState) -> Arrived {
-        let since = match self.still {
+        if self.start.is_none() {
+            self.due = now + self.target.time_from(state);
+        }
+        let start = *self.start.get_or_insert(state.joints);
+        let gripper_since = match self.still {
             Some((since, before)) if before == state.gripper => since,
             _ => now,
         };
-        self.still = Some((since, state.gripper));
-        match self.target.away(state, &self.tolerances) {
-            None => Arrived::AtTarget,
-            Some(away) if away.is_gripper_only() && now.since(since) >= Self::STANDSTILL => {
-                Arrived::GripperStandsStill(away)
-            }
-            Some(away) => Arrived::NotYet(away),
+        self.still = Some((gripper_since, state.gripper));
+        let rest = self.rest.on_joints(now, &state.joints).unwrap_or(Duration::ZERO);
+        let away = self.away(state);
+        if rest < Rest::TIME {
+            return Arrived::NotYet(away);
+        }
+        let deviations = self.target.deviations(state);
+        let mut axes = start.iter().zip(state.joints);
+        let has_moved = axes.any(|(start, at)| start.abs_diff(at) > Rest::TOLERANCE);
+        let is_short = away.is_some_and(|away| !away.is_gripper_only());
+        if !self.has_resent && (is_short || !has_moved && !deviations.are_small()) {
+            self.has_resent = true;
+            self.due = now + self.target.time_from(state);
+            self.rest = Rest::new();
+            return Arrived::Resend;
+        }
+        match away {
+            _ if now < self.due => Arrived::NotYet(away),
+            None => Arrived::AtTarget(deviations),
+            Some(away) if !away.is_gripper_only() => Arrived::Elsewhere(away),
+            Some(away) if now.since(gripper_since) >= Self::STANDSTILL => Arrived::GripperStandsStill(away),
+            Some(_) => Arrived::NotYet(away),
         }
     }
 }
@@ -232,37 +295,97 @@ mod tests {
         }
     }
 
+    /// The arrival with these readings of joint 2, one every 10 ms, at 1,000 ticks per second. The last one stays.
+    fn arrive(joint: impl Fn(u64) -> u16, gripper: impl Fn(u64) -> u16) -> std::vec::Vec<(u64, Arrived)> {
+        let mut target = target();
+        target.joints = [(Position::CENTRE, Speed::new(1_000).unwrap()); 6];
+        let mut arrival = Arrival::new(target, Tolerances::MOVE);
+        let mut arrived = std::vec::Vec::new();
+        for millis in (0..10_000).step_by(10) {
+            let mut state = state([2048; 6], gripper(millis));
+            state.joints[1] = joint(millis);
+            match arrival.on_joints(Instant::from_millis(millis), &state) {
+                Arrived::NotYet(_) => {}
+                Arrived::Resend => arrived.push((millis, Arrived::Resend)),
+                end => {
+                    arrived.push((millis, end));
+                    break;
+                }
+            }
+        }
+        arrived
+    }
+
+    fn deviating(ticks: i32) -> Arrived {
+        Arrived::AtTarget(Deviations([0, ticks, 0, 0, 0, 0]))
+    }
+
+    fn elsewhere(ticks: u16) -> Arrived {
+        let mut away = Away::NOWHERE;
+        away.joints[1] = Some(ticks);
+        Arrived::Elsewhere(away)
+    }
+
     #[test]
     fn axes_away_from_the_target_are_named() {
         let away = |joints, gripper| target().away(&state(joints, gripper), &Tolerances::MOVE);
-        assert_eq!(away([2048, 2051, 2045, 2048, 2048, 2048], 495), None);
-        let off = away([2048, 2052, 2045, 2048, 2048, 1024], 494).unwrap();
+        assert_eq!(away([2048, 2113, 1983, 2048, 2048, 2048], 495), None);
+        let off = away([2048, 2114, 1983, 2048, 2048, 1024], 494).unwrap();
         assert_eq!(
             off.to_string(),
-            "joint 2 is 0.35° off, joint 6 is 90.00° off, gripper is 0.6 % off"
+            "joint 2 is 5.80° off, joint 6 is 90.00° off, gripper is 0.6 % off"
         );
         assert_eq!(target().away(&state([2048; 6], 0), &Tolerances::JOINTS), None);
     }
 
     #[test]
-    fn gripper_stands_still_while_its_reading_stays() {
-        let mut arrival = Arrival::new(target(), Tolerances::MOVE);
-        let mut ends = |millis, gripper| {
-            let progress = arrival.on_joints(Instant::from_millis(millis), &state([2048; 6], gripper));
-            !matches!(progress, Arrived::NotYet(_))
-        };
-        let readings = [
-            (10, 0),
-            (500, 0),
-            (600, 1),
-            (1_599, 1),
-            (1_600, 1),
-            (1_601, 0),
-            (1_602, 500),
-        ];
+    fn sagging_joint_arrives_with_its_deviation() {
+        // 500 ticks in 0.5 s, and 26 ticks of sag.
+        let joint = |millis: u64| (1_500 + millis).min(2_022) as u16;
+        assert_eq!(arrive(joint, |_| 500), [(720, deviating(-26))]);
         assert_eq!(
-            readings.map(|(millis, gripper)| ends(millis, gripper)),
-            [false, false, false, false, true, false, true]
+            Deviations([0, -26, 4, 3, 0, 0]).to_string(),
+            "joint 2 rests 2.29° below its goal, joint 3 rests 0.35° above its goal"
         );
+    }
+
+    #[test]
+    fn slow_joint_that_passes_near_the_target_has_not_arrived() {
+        // Five ticks per second, from 40 ticks below: at rest by its readings, but not before its time.
+        let mut target = target();
+        target.joints = [(Position::CENTRE, Speed::new(5).unwrap()); 6];
+        let mut arrival = Arrival::new(target, Tolerances::MOVE);
+        let end = (0..20_000).step_by(10).find(|millis| {
+            let joint = (2_008 + millis / 200).min(2_048) as u16;
+            let state = state([2048, joint, 2048, 2048, 2048, 2048], 500);
+            let arrived = arrival.on_joints(Instant::from_millis(*millis), &state);
+            arrived == deviating(0)
+        });
+        assert_eq!(end, Some(8_000));
+    }
+
+    #[test]
+    fn lost_move_is_sent_once_more() {
+        // The second one starts the joint.
+        let joint = |millis: u64| (1_500 + millis.saturating_sub(210)).min(2_048) as u16;
+        assert_eq!(arrive(joint, |_| 500), [(200, Arrived::Resend), (960, deviating(0))]);
+        // A short one is within the tolerance from the beginning.
+        let joint = |millis: u64| (2_000 + millis.saturating_sub(210)).min(2_048) as u16;
+        assert_eq!(arrive(joint, |_| 500), [(200, Arrived::Resend), (460, deviating(0))]);
+    }
+
+    #[test]
+    fn joint_at_rest_elsewhere_is_named_at_once() {
+        let joint = |millis: u64| (1_500 + millis).min(1_900) as u16;
+        assert_eq!(arrive(joint, |_| 500), [(600, Arrived::Resend), (810, elsewhere(148))]);
+    }
+
+    #[test]
+    fn gripper_that_stands_still_holds_something() {
+        let mut away = Away::NOWHERE;
+        away.gripper = Some(200);
+        let held = Arrived::GripperStandsStill(away);
+        let gripper = |millis: u64| (1_000 - millis.min(300)) as u16;
+        assert_eq!(arrive(|_| 2_048, gripper), [(1_300, held)]);
     }
 }

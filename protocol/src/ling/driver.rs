@@ -4,13 +4,18 @@ use core::fmt;
 
 use embedded_io_async::{Read, Write};
 
+use super::arrival::{Arrival, Arrived, Tolerances};
 use super::stop::{Output, Stopped};
 use super::{
-    Info, JointState, Ling, MAX_FRAME, Move, Opening, PerServo, Request, Response, SelfCheck, Stop, Stroke,
-    TemperatureLimit, Torque,
+    Info, JointState, Ling, MAX_FRAME, Move, PerServo, Request, Response, SelfCheck, Stop, Stroke, TemperatureLimit,
+    Torque,
 };
 use crate::Config;
 use crate::driver::{CallError, Clock, Counters, Driver};
+use crate::time::Duration;
+
+/// Time between two readings of an arm in motion.
+const PERIOD: Duration = Duration::from_millis(20);
 
 /// A Ling arm at the other end of a port.
 ///
@@ -89,14 +94,47 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
         self.driver.send(&Request::SetTorque(torque)).await
     }
 
-    /// Stops the arm and keeps its torque on, by a [`Stop`]: `gripper` is the last goal of the gripper, if it is known. A
-    /// lost or unsound answer does not end it.
+    /// Moves the joints and the gripper, and waits for their [`Arrival`], at most for this time. A lost or unsound answer
+    /// does not end it.
+    ///
+    /// Returns how it ended: [`Arrived::NotYet`] if the arm still moves.
+    ///
+    /// # Errors
+    ///
+    /// [`CallError::TimedOut`] without any answer in this time, and errors of the port.
+    pub async fn move_and_wait(
+        &mut self,
+        target: Move,
+        tolerances: Tolerances,
+        limit: Duration,
+    ) -> Result<Arrived, CallError<Port::Error>> {
+        self.move_to(target).await?;
+        let mut arrival = Arrival::new(target, tolerances);
+        let end = self.driver.now() + limit;
+        loop {
+            let read = self.read_joints().await;
+            let now = self.driver.now();
+            match read {
+                Ok(state) => match arrival.on_joints(now, &state) {
+                    Arrived::Resend => self.move_to(target).await?,
+                    arrived @ Arrived::NotYet(_) if now >= end => return Ok(arrived),
+                    Arrived::NotYet(_) => {}
+                    arrived => return Ok(arrived),
+                },
+                Err(CallError::TimedOut { .. } | CallError::ErrorFrame(_) | CallError::Unacceptable(_))
+                    if now < end => {}
+                Err(error) => return Err(error),
+            }
+            self.driver.wait_until(now + PERIOD).await;
+        }
+    }
+
+    /// Stops the arm and keeps its torque on, as this [`Stop`] describes. A lost or unsound answer does not end it.
     ///
     /// # Errors
     ///
     /// [`CallError::NotStopped`] if the arm may still move, and errors of the port.
-    pub async fn stop(&mut self, gripper: Option<Opening>) -> Result<Stopped, CallError<Port::Error>> {
-        let mut stop = Stop::new(gripper);
+    pub async fn stop(&mut self, stop: &mut Stop) -> Result<Stopped, CallError<Port::Error>> {
         loop {
             match stop.poll(self.driver.now()) {
                 Output::Request(Request::ReadJoints) => match self.read_joints().await {

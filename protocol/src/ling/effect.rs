@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use super::{JointState, Move, Position, Request, Torque};
+use super::{JointState, Position, Request, Rest, Torque};
 use crate::time::{Duration, Instant};
 
 /// Time between two readings.
@@ -144,7 +144,7 @@ impl Effect {
         let is_shown = match self {
             Self::Torque(torque) => state.status.is_holding().map(|holds| holds == (torque == Torque::On)),
             Self::Zero => {
-                let is_zero = |ticks: &u16| ticks.abs_diff(Position::CENTRE.ticks()) <= Move::JOINT_TOLERANCE;
+                let is_zero = |ticks: &u16| ticks.abs_diff(Position::CENTRE.ticks()) <= Rest::TOLERANCE;
                 Some(state.joints.iter().all(is_zero))
             }
         };

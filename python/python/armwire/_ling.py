@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import time
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import IntEnum
@@ -28,6 +28,7 @@ from ._units import (
     rate,
     seconds,
     speed_ticks,
+    tolerance_ticks,
 )
 from .errors import ArmwireError, UnacceptableError
 
@@ -144,28 +145,6 @@ def joint_state(counts: Counts, extra: bytes = b"") -> JointState:
     ticks, gripper, status, foreign_data_bytes = counts
     named = status if foreign_data_bytes else _STATUSES.get(status, status)
     return JointState(tuple(ticks), gripper, named, extra, foreign_data_bytes)
-
-
-class Wait:
-    """A wait for joints to arrive, without the readings."""
-
-    def __init__(self, port: str, targets: list[int], timeout_s: float) -> None:
-        self._port = port
-        self._targets = targets
-        self._timeout_s = seconds(timeout_s)
-        self._until = time.monotonic() + timeout_s
-        self.motion = _armwire.LingMotion()
-
-    def has_arrived(self, state: JointState) -> bool:
-        """Return true if every joint has arrived.
-
-        Raises:
-            TimeoutError: A joint has not, and the time is over.
-        """
-        away = _armwire.ling_away(self._targets, state.ticks)
-        if away is not None and time.monotonic() >= self._until:
-            raise TimeoutError(f"{self._port}: target not reached after {self._timeout_s:g} s: {away}")
-        return away is None
 
 
 class Ling(Open):
@@ -344,31 +323,38 @@ class Ling(Open):
             _warn_of_grip(self.port, stacklevel=3)
         return joint_state(counts, extra)
 
-    def wait_until_at_deg(self, joints: ArrayLike, *, timeout_s: float = 30.0) -> JointState:
-        """Read until every joint is within 3 ticks (0.26°) of these angles.
+    def wait_until_at_deg(
+        self, joints: ArrayLike, *, within_deg: float = 5.7, timeout_s: float = 30.0
+    ) -> JointState:
+        """Read until the arm is at rest with every joint at these angles.
 
-        Ctrl-C stops the arm if this object has moved it, says so on standard error, and raises `KeyboardInterrupt`. A
-        second Ctrl-C ends the stop.
+        A joint does not stop exactly at its target: a servo holds a load by its error. A move of this object that is
+        lost is sent once more. Ctrl-C stops the arm if this object has moved it, says so on standard error, and raises
+        `KeyboardInterrupt`. A second Ctrl-C ends the stop.
 
         Args:
             joints: Angles of joints 1 to 6 in degrees, -180 to 179.912.
-            timeout_s: The time-out in seconds, 0 or more; 0 is one reading.
+            within_deg: The tolerance of a joint in degrees, 0.09 to 360.
+            timeout_s: The time-out in seconds. An arm is at rest after 0.2 s without motion.
 
         Returns:
             The state at that time.
 
         Raises:
-            ValueError: An angle or the time-out is out of range; nothing is read.
+            ValueError: An angle, the tolerance or the time-out is out of range; nothing is read.
             RefusedError: The torque went off after a move of this object.
-            TimeoutError: A joint did not arrive in time; the message names it. The arm may still move.
+            NotReachedError: The arm did not arrive in time, or is at rest elsewhere after a move of this object there;
+                the message names the joints. It is a `TimeoutError`, too. The arm may still move after the time-out.
             AbsentError: The arm that this object has moved did not answer for 2 s. It was stopped then.
             NotStoppedError: It did not answer the stop either: it may still move.
         """
-        return self._wait(Wait(self.port, position_ticks(joints, DEG_PER_TICK, "degrees"), timeout_s))
+        return self._wait(lambda: self._begin_wait_deg(joints, within_deg, timeout_s))
 
-    def wait_until_at_rad(self, joints: ArrayLike, *, timeout_s: float = 30.0) -> JointState:
-        """Read until every joint is within 3 ticks (0.0046 rad) of these angles. See `wait_until_at_deg`."""
-        return self._wait(Wait(self.port, position_ticks(joints, RAD_PER_TICK, "rad"), timeout_s))
+    def wait_until_at_rad(
+        self, joints: ArrayLike, *, within_rad: float = 0.1, timeout_s: float = 30.0
+    ) -> JointState:
+        """Read until the arm is at rest with every joint at these angles in radians. See `wait_until_at_deg`."""
+        return self._wait(lambda: self._begin_wait_rad(joints, within_rad, timeout_s))
 
     def set_torque(self, on: bool) -> JointState:
         """Switch the torque and read it back, half a second at most. With torque off the arm falls: hold it.
@@ -408,9 +394,18 @@ class Ling(Open):
         """Return the line errors so far."""
         return LineErrors(*self._port.line_errors())
 
-    def _wait(self, wait: Wait) -> JointState:
+    def _begin_wait_deg(self, joints: ArrayLike, within: float, timeout_s: float) -> _armwire.LingWait:
+        ticks = position_ticks(joints, DEG_PER_TICK, "degrees")
+        return self._port.wait(ticks, tolerance_ticks(within, DEG_PER_TICK, "degrees"), seconds(timeout_s))
+
+    def _begin_wait_rad(self, joints: ArrayLike, within: float, timeout_s: float) -> _armwire.LingWait:
+        ticks = position_ticks(joints, RAD_PER_TICK, "rad")
+        return self._port.wait(ticks, tolerance_ticks(within, RAD_PER_TICK, "rad"), seconds(timeout_s))
+
+    def _wait(self, begin: Callable[[], _armwire.LingWait]) -> JointState:
         with self._stopped_by_ctrl_c():
-            while (state := self._read_motion(wait)) is None or not wait.has_arrived(state):
+            wait = begin()
+            while (state := self._read_wait(wait)) is None:
                 time.sleep(PERIOD_S)
         return state
 
@@ -438,9 +433,9 @@ class Ling(Open):
             return str(error)
         return f"{self.port}: {'the arm is without torque' if state.is_torque_off else 'Ctrl-C stopped the arm'}"
 
-    def _read_motion(self, wait: Wait) -> JointState | None:
-        """Read the joints; `None` without an answer. Raises `RefusedError` if the torque went off after a move."""
-        read = self._port.read_motion(wait.motion)
+    def _read_wait(self, wait: _armwire.LingWait) -> JointState | None:
+        """Read the joints once; `None` before the arm is at the target."""
+        read = self._port.read_wait(wait)
         return None if read is None else joint_state(*read)
 
     def _move(self, ticks: list[int], speeds: list[int], gripper: int | None, gripper_speed: int) -> None:

@@ -54,6 +54,19 @@ def speed_ticks(speed: ArrayLike, unit_per_tick: float, unit: str) -> list[int]:
     return _ticks("speed", values, ticks, low, MAX_TICKS_PER_S, 0, unit_per_tick, unit, why)
 
 
+def tolerance_ticks(within: float, unit_per_tick: float, unit: str) -> int:
+    """A tolerance in ticks, the nearest.
+
+    Raises:
+        ValueError: It is less than a tick, more than a turn, or not a number.
+    """
+    ticks = within / unit_per_tick
+    if not 1 - SLACK <= ticks <= MAX_TICKS + 1 + SLACK:
+        first, last = unit_per_tick, (MAX_TICKS + 1) * unit_per_tick
+        raise ValueError(f"the tolerance is {within:g} {unit}, must be {first:.6g} to {last:.6g}")
+    return round(ticks)
+
+
 def _six(values: ArrayLike, what: str) -> Floats:
     array = np.asarray(values, dtype=np.float64)
     if array.shape != (JOINTS,):

@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Any, Concatenate, Generic, ParamSpec, TypeVar
 
 from . import _adapter, _alpha1, _armwire, _ling, _xarm
 from ._open import Open
-from ._units import DEG_PER_TICK, RAD_PER_TICK, position_ticks
 from .errors import ClosedError
 
 if TYPE_CHECKING:
@@ -120,16 +119,20 @@ class Ling(_Async[_ling.Ling]):
     set_temperature_limit_celsius = _call(_ling.Ling.set_temperature_limit_celsius)
     line_errors = _call(_ling.Ling.line_errors)
 
-    async def wait_until_at_deg(self, joints: ArrayLike, *, timeout_s: float = 30.0) -> _ling.JointState:
+    async def wait_until_at_deg(
+        self, joints: ArrayLike, *, within_deg: float = 5.7, timeout_s: float = 30.0
+    ) -> _ling.JointState:
         """Wait as `armwire.Ling.wait_until_at_deg`, and take turns with other calls.
 
         A cancelled wait ends at once, and the arm moves on: `stop` ends its motion.
         """
-        return await self._wait(_ling.Wait(self.port, position_ticks(joints, DEG_PER_TICK, "degrees"), timeout_s))
+        return await self._wait(lambda: self._blocking._begin_wait_deg(joints, within_deg, timeout_s))
 
-    async def wait_until_at_rad(self, joints: ArrayLike, *, timeout_s: float = 30.0) -> _ling.JointState:
+    async def wait_until_at_rad(
+        self, joints: ArrayLike, *, within_rad: float = 0.1, timeout_s: float = 30.0
+    ) -> _ling.JointState:
         """Wait for angles in radians. See `wait_until_at_deg`."""
-        return await self._wait(_ling.Wait(self.port, position_ticks(joints, RAD_PER_TICK, "rad"), timeout_s))
+        return await self._wait(lambda: self._blocking._begin_wait_rad(joints, within_rad, timeout_s))
 
     async def set_torque(self, on: bool) -> _ling.JointState:
         """Switch the torque as `armwire.Ling.set_torque`, and take turns with other calls.
@@ -142,9 +145,9 @@ class Ling(_Async[_ling.Ling]):
         """Make the current pose the zero position as `armwire.Ling.set_zero`. See `set_torque`."""
         return await self._read_back(_armwire.LingSwitching.zero())
 
-    async def _wait(self, wait: _ling.Wait) -> _ling.JointState:
-        read = functools.partial(self._blocking._read_motion, wait)
-        while (state := await self._run(read)) is None or not wait.has_arrived(state):
+    async def _wait(self, begin: Callable[[], _armwire.LingWait]) -> _ling.JointState:
+        read = functools.partial(self._blocking._read_wait, await self._run(begin))
+        while (state := await self._run(read)) is None:
             await asyncio.sleep(_ling.PERIOD_S)
         return state
 

@@ -13,6 +13,7 @@ Exception              Cause
 `LateError`            The answer arrived after the timeout. It is discarded and never matched to a later request.
 `WrongArmError`        Bytes arrived, but no answer of this protocol: another arm, or another program on the line.
 `RefusedError`         The arm or adapter refused the request or does not support it.
+`NotReachedError`      The arm is at rest away from its target, or still moves after the time-out.
 `NotStoppedError`      The arm may still move after `stop`: only the switch of its supply stops it.
 `NoPoseError`          A reader has no pose that is new enough, or none for that time.
 `UnacceptableError`    The answer is well-formed, with a value outside the protocol's range.
@@ -32,6 +33,7 @@ __all__ = [
     "LateError",
     "NoAnswerError",
     "NoPoseError",
+    "NotReachedError",
     "NotStoppedError",
     "OlderArmError",
     "PortError",
@@ -76,6 +78,10 @@ class WrongArmError(NoAnswerError):
 
 class RefusedError(ArmwireError):
     """The arm or adapter refused the request."""
+
+
+class NotReachedError(ArmwireError, TimeoutError):
+    """The arm is at rest away from its target, or still moves after the time-out."""
 
 
 class NotStoppedError(ArmwireError):

@@ -8,8 +8,8 @@ use armwire::ling::effect::{self, Effect, EffectError};
 use armwire::ling::legacy::Detector;
 use armwire::ling::stop::{self, Grip, StopError, Stopped};
 use armwire::ling::{
-    Immovable, Info, JointState, Ling, LingClient, MAX_FRAME, MotionStatus, Move, PerServo, ReadBack, Request, Response,
-    SelfCheck, Speed, Stop, Stroke, Torque,
+    Immovable, Info, JointState, Ling, LingClient, MAX_FRAME, MotionStatus, Move, PerServo, ReadBack, Request,
+    Response, SelfCheck, Speed, Stop, Stroke, Torque,
 };
 use armwire::messages::Messages;
 use armwire::time::{Duration, Instant};

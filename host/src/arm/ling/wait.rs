@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use armwire::ling::arrival::{Arrival, Arrived, Tolerances};
 use armwire::ling::effect::{Effect, EffectError, Outcome, Output};
-use armwire::ling::{JointState, Move, Opening, ReadBack, Request, Torque};
+use armwire::ling::{GripperSpeed, JOINTS, JointState, Move, Opening, Position, ReadBack, Request, Speed, Torque};
 
 use super::Ling;
 use crate::arm::shared::Shared;
@@ -59,9 +59,11 @@ impl MotionReadings {
     }
 }
 
-/// The wait for the end of a move.
-struct Wait {
-    target: Move,
+/// A wait for the arm at a target, one reading at a time.
+#[derive(Debug)]
+pub struct Wait {
+    /// The arm was moved there. Otherwise something else may move it yet.
+    is_led: bool,
     limit: Duration,
     clock: Stopwatch,
     arrival: Arrival,
@@ -69,19 +71,32 @@ struct Wait {
 }
 
 impl Wait {
-    /// The wait for this move, which was just sent.
-    fn new(target: &Move, limit: Duration) -> Self {
-        let (gripper, _speed) = target.gripper;
+    /// The wait of this arm for a target, from now on, for this time. Its last move there is sent once more if it is lost.
+    pub fn new(arm: &Ling, target: &Move, tolerances: Tolerances, limit: Duration) -> Self {
         Self {
-            target: *target,
+            is_led: arm.target.as_ref() == Some(target),
             limit,
             clock: Stopwatch::start(),
-            arrival: Arrival::new(*target, Tolerances::MOVE),
+            arrival: Arrival::new(*target, tolerances),
             readings: MotionReadings {
-                gripper: Some(gripper),
+                gripper: arm.gripper,
                 ..MotionReadings::default()
             },
         }
+    }
+
+    /// The wait of this arm for its joints, within this distance in ticks. If no move leads there, something else may.
+    pub fn for_joints(arm: &Ling, joints: [Position; JOINTS], within: u16, limit: Duration) -> Self {
+        let leads_there = |target: &&Move| target.joints.map(|(position, _)| position) == joints;
+        let target = arm.target.as_ref().filter(leads_there).copied().unwrap_or(Move {
+            joints: joints.map(|position| (position, Speed::MAX)),
+            gripper: (Opening::CLOSED, GripperSpeed::DEFAULT),
+        });
+        let tolerances = Tolerances {
+            gripper: None,
+            ..Tolerances::within(within)
+        };
+        Self::new(arm, &target, tolerances, limit)
     }
 
     /// The time for which other calls may delay the next reading, which checks the interrupt and the limit.
@@ -89,23 +104,39 @@ impl Wait {
         INTERRUPT_PERIOD.min(self.limit.saturating_sub(self.clock.0.elapsed()))
     }
 
-    /// Reads once. Returns the state at the target. An interrupt stops the arm.
-    fn read(&mut self, arm: &mut Ling) -> Result<Option<JointState>, Error> {
-        let read = arm.link.check_interrupt().and_then(|()| self.readings.read(arm));
-        let (gripper, _speed) = self.target.gripper;
-        let Some(state) = arm.unless_interrupted(gripper, read)? else {
+    /// Reads once. Returns the state at the target, and `None` before: read again, after 20 ms.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::NotReached`] at rest elsewhere, and at the first reading after the limit; errors of
+    /// [`MotionReadings::read`].
+    pub fn read(&mut self, arm: &mut Ling) -> Result<Option<JointState>, Error> {
+        let Some(state) = self.readings.read(arm)? else {
             return Ok(None);
         };
+        let not_reached = |limit, away| Error::NotReached {
+            name: arm.name().into(),
+            state,
+            limit,
+            away,
+        };
         match self.arrival.on_joints(self.clock.now(), &state) {
-            Arrived::AtTarget | Arrived::GripperStandsStill(_) => Ok(Some(state)),
-            Arrived::NotYet(away) if self.clock.0.elapsed() >= self.limit => Err(Error::NotReached {
-                name: arm.name().into(),
-                state,
-                away,
-                limit: self.limit,
-            }),
-            Arrived::NotYet(_) => Ok(None),
+            Arrived::AtTarget(_) | Arrived::GripperStandsStill(_) => Ok(Some(state)),
+            Arrived::Elsewhere(away) if self.is_led => Err(not_reached(None, Some(away))),
+            _ if self.clock.0.elapsed() >= self.limit => Err(not_reached(Some(self.limit), self.arrival.away(&state))),
+            // An arm that was stopped meanwhile has another goal.
+            Arrived::Resend if arm.target.as_ref() == Some(self.arrival.target()) => {
+                arm.start(self.arrival.target()).map(|()| None)
+            }
+            Arrived::NotYet(_) | Arrived::Resend | Arrived::Elsewhere(_) => Ok(None),
         }
+    }
+
+    /// As [`read`](Self::read), but an interrupt stops the arm.
+    fn read_interruptibly(&mut self, arm: &mut Ling) -> Result<Option<JointState>, Error> {
+        let read = arm.link.check_interrupt().and_then(|()| self.read(arm));
+        let (gripper, _speed) = self.arrival.target().gripper;
+        arm.unless_interrupted(gripper, read)
     }
 }
 
@@ -182,18 +213,23 @@ impl Switching {
 }
 
 impl Ling {
-    /// Moves the arm, and waits until the joints and the gripper have [reached](Move::is_reached_by) the target, or until
-    /// the gripper has stood still for 1 s, for example at an object. The [interrupt](Self::set_interrupt) stops the arm.
+    /// Moves the arm, and waits for its [`Arrival`] at the target within these tolerances, or until the gripper has stood
+    /// still for 1 s, for example at an object. The [interrupt](Self::set_interrupt) stops the arm.
     ///
     /// # Errors
     ///
-    /// [`Error::NotReached`] at the first reading after `limit`: the arm may move on. [`Error::Stopped`] after an interrupt.
-    /// [`Error::TorqueOff`] if the torque is off, or goes off. [`Error::Unanswered`] if the arm falls silent, as in
+    /// [`Error::NotReached`] as soon as the arm is at rest elsewhere, and at the first reading after `limit`: it may move on
+    /// then. [`Error::Stopped`] after an interrupt. [`Error::TorqueOff`] if the torque is off, or goes off. [`Error::Unanswered`] if the arm falls silent, as in
     /// [`MotionReadings::read`]: it was asked to stop.
-    pub fn move_and_wait(&mut self, target: &Move, limit: Duration) -> Result<JointState, Error> {
+    pub fn move_and_wait(
+        &mut self,
+        target: &Move,
+        tolerances: Tolerances,
+        limit: Duration,
+    ) -> Result<JointState, Error> {
         self.begin_move(target)?;
-        let mut wait = Wait::new(target, limit);
-        until(|| wait.read(self))
+        let mut wait = Wait::new(self, target, tolerances, limit);
+        until(|| wait.read_interruptibly(self))
     }
 
     /// Makes the request that has this effect, and reads it back.
@@ -210,15 +246,17 @@ impl Ling {
 
 impl Shared<Ling> {
     /// Moves the arm and waits, as [`Ling::move_and_wait`]. Other calls have their turn between two readings of the wait: a
-    /// stop of another thread takes effect at once, and the wait goes on.
+    /// stop of another thread takes effect at once, and the wait ends at rest there.
     ///
     /// # Errors
     ///
     /// As of [`Ling::move_and_wait`].
-    pub fn move_and_wait(&self, target: &Move, limit: Duration) -> Result<JointState, Error> {
-        self.call(|arm| arm.begin_move(target))?;
-        let mut wait = Wait::new(target, limit);
-        until(|| self.read_within(wait.patience(), |arm| wait.read(arm)))
+    pub fn move_and_wait(&self, target: &Move, tolerances: Tolerances, limit: Duration) -> Result<JointState, Error> {
+        let mut wait = self.call(|arm| {
+            arm.begin_move(target)?;
+            Ok(Wait::new(arm, target, tolerances, limit))
+        })?;
+        until(|| self.read_within(wait.patience(), |arm| wait.read_interruptibly(arm)))
     }
 
     /// Switches the torque, as [`Ling::set_torque`]. Other calls have their turn between two readings.
@@ -400,7 +438,7 @@ mod tests {
             joints: TARGET.map(|ticks| (Position::new(ticks).unwrap(), Speed::MAX)),
             gripper: (Opening::new(500).unwrap(), GripperSpeed(1_000)),
         };
-        arm.move_and_wait(&target, Duration::from_secs(5))
+        arm.move_and_wait(&target, Tolerances::MOVE, Duration::from_secs(5))
     }
 
     #[test]

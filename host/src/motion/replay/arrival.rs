@@ -1,6 +1,7 @@
 //! The end of a replay: the arm at rest at the last pose.
 
-use armwire::ling::{JOINTS, Move};
+use armwire::ling::JOINTS;
+use armwire::ling::Rest as StandStill;
 use armwire::time::{Duration, Instant};
 
 use super::failure::{Failure, LIMIT};
@@ -9,7 +10,7 @@ use crate::motion::axes::{Off, Ticks, farthest};
 /// The distance of a joint from the last pose within which it is there, in ticks: 0.1 rad, as in the vendor's software. A
 /// servo holds a load by its error.
 const TOLERANCE: f64 = 65.0;
-/// An arm is at rest if its readings lie within [`Move::JOINT_TOLERANCE`] of each other for this time.
+/// An arm is at rest if its readings lie within [`Rest::TOLERANCE`](armwire::ling::Rest::TOLERANCE) of each other for this time.
 const REST: Duration = Duration::from_millis(200);
 
 /// The arrival at the last pose. Readings go in.
@@ -65,7 +66,7 @@ impl Arrival {
             rest.high[joint] = rest.high[joint].max(*ticks);
         }
         let spans = rest.high.iter().zip(rest.low).map(|(high, low)| high - low);
-        let moved = spans.enumerate().find(|(_, span)| *span > Move::JOINT_TOLERANCE);
+        let moved = spans.enumerate().find(|(_, span)| *span > StandStill::TOLERANCE);
         *rest = match moved.map(|(joint, _)| joint) {
             moved @ Some(_) => Rest { moved, ..new },
             None => Rest {
