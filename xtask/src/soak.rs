@@ -22,6 +22,8 @@ enum Part {
     Streams,
     /// A million random runs of the adapter, its hosts and an arm
     Adapter,
+    /// Stops and arrivals of 10 000 arms with weight
+    Plants,
     /// Clippy and tests with every set of features
     Features,
     /// The crates' tests from their packages, and a release, used without Rust, and built twice
@@ -64,6 +66,7 @@ impl Part {
             // For each of the seven lines.
             Self::Streams => process::run(cargo(test).arg("reference").env("ARMWIRE_STREAMS", "300000")),
             Self::Adapter => process::run(cargo(test).arg("adapter_runs").env("ARMWIRE_RUNS", "1000000")),
+            Self::Plants => process::run(cargo(test).arg("stop_with_weight").env("ARMWIRE_PLANTS", "10000")),
             Self::Features => features::every_set(),
             Self::Release => {
                 packages::check(packages::Tests::Run)?;
