@@ -371,5 +371,5 @@ def test_plant_of_a_virtual_arm_lets_its_joints_sag() -> None:
 
 @pytest.mark.parametrize("plant", ["", "gremlins=1", "sag=201", "sag=1,sag=2", "overshoot=5%"])
 def test_wrong_plant_is_a_value_error(plant: str) -> None:
-    with pytest.raises(ValueError, match="expected|twice|needs"):
+    with pytest.raises(ValueError, match=r"expected|twice|needs"):
         sim.ling(plant=plant)
