@@ -58,10 +58,11 @@ impl World {
 
     /// Runs `armwire sim` on a free port. Returns its output, with the names of the page.
     pub(crate) fn serve_sim(&mut self, args: &[&str]) -> String {
-        let (printed, place) = match args {
-            ["sim", "xarm", "--listen", printed] => (*printed, "127.0.0.1:0".to_owned()),
-            ["sim", _, .., "--pty", printed] => (*printed, free_path("page-arm").to_str().unwrap().to_owned()),
-            other => panic!("no place in {other:?}"),
+        let value = |option| Some(args[args.iter().position(|&arg| arg == option)? + 1]);
+        let (printed, place) = match (value("--listen"), value("--pty")) {
+            (Some(printed), None) => (printed, "127.0.0.1:0".to_owned()),
+            (None, Some(printed)) => (printed, free_path("page-arm").to_str().unwrap().to_owned()),
+            _ => panic!("no place in {args:?}"),
         };
         let mut command = Command::new(PROGRAM);
         command.args(args.iter().map(|&arg| if arg == printed { &place } else { arg }));
