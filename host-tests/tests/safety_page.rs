@@ -4,7 +4,7 @@ use std::fs;
 use std::path::Path;
 
 /// The files of these tests.
-const TESTS: [&str; 40] = [
+const TESTS: [&str; 42] = [
     "bridge/src/tests/control.rs",
     "bridge/src/tests/delayed.rs",
     "bridge/src/tests/line_rate.rs",
@@ -25,6 +25,7 @@ const TESTS: [&str; 40] = [
     "host-tests/tests/image/start.rs",
     "host-tests/tests/image/stop.rs",
     "host-tests/tests/image/teleop.rs",
+    "host-tests/tests/stop_with_weight.rs",
     "host/src/motion/goal.rs",
     "host/src/ports/link/calls.rs",
     "host/src/motion/replay/motion.rs",
@@ -38,6 +39,7 @@ const TESTS: [&str; 40] = [
     "protocol/tests/client.rs",
     "protocol/tests/driver.rs",
     "protocol/tests/read_back.rs",
+    "protocol/tests/stop.rs",
     "python/tests/test_aio.py",
     "python/tests/test_board.py",
     "python/tests/test_lerobot.py",

@@ -244,6 +244,32 @@ fn standing_arm_is_held_at_its_known_goal() {
     assert_eq!(hold_after(&[motion_with_gripper(250), undecodable]), here(1000));
 }
 
+/// The time from a stop to its hold, in µs, of an arm with these readings that was sent to 2048.
+fn time_to_hold(readings: impl Iterator<Item = u16>) -> u64 {
+    let mut rig = rig(Config::default());
+    let readings = readings.map(|ticks| ([ticks; JOINTS + 1], LOCKED));
+    rig.responder = Box::new(arm(readings.collect()));
+    rig.usb_out.extend(motion_with_gripper(250));
+    rig.run(REFUSAL);
+    rig.sent.clear();
+    let begin = rig.now;
+    rig.request(Request::Stop);
+    rig.run(1_000_000);
+    let is_hold = |bytes: &[u8]| bytes != READ_JOINTS;
+    let (at, _) = rig.sent.iter().find(|(_, bytes)| is_hold(bytes)).unwrap();
+    at - begin
+}
+
+#[test]
+fn hold_beside_the_last_move_is_out_within_its_bound() {
+    let away = time_to_hold([2000].into_iter());
+    assert!(away < 2_000, "{away}");
+    let standing = time_to_hold([2010].into_iter());
+    assert!((100_000..125_000).contains(&standing), "{standing}");
+    let passing = time_to_hold((2010..2100).step_by(4));
+    assert!((300_000..325_000).contains(&passing), "{passing}");
+}
+
 /// Hosts that wait for the line, which a self-check of another has for 500 ms: bytes and a half request on USB, a full
 /// queue on CAN and one more PDU, a command.
 fn rig_with_waiting_motion() -> Rig {
