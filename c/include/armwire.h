@@ -606,7 +606,7 @@ enum ArmwireLingStopStepKind
    */
   ARMWIRE_LING_STOP_STEP_KIND_TORQUE_ON,
   /**
-   * The end: the arm is at rest. (`grip_may_loosen`)
+   * The end: the arm is at rest. (`grip_may_loosen`, `deviation_ticks`)
    */
   ARMWIRE_LING_STOP_STEP_KIND_AT_REST,
   /**
@@ -629,6 +629,10 @@ enum ArmwireLingStopStepKind
    * The end: readings came within 2 s, but they do not show the arm at rest. It may still move.
    */
   ARMWIRE_LING_STOP_STEP_KIND_UNCONFIRMED,
+  /**
+   * The end: a joint came to the hold, and left it. Another program moves the arm. (`joint`)
+   */
+  ARMWIRE_LING_STOP_STEP_KIND_MOVED_BY_ANOTHER,
 };
 #ifndef __cplusplus
 #if __STDC_VERSION__ >= 202311L
@@ -1400,6 +1404,10 @@ typedef struct ArmwireLingStopStep {
    * The joint that moves, from 1.
    */
   uint8_t joint;
+  /**
+   * The last reading of each joint minus its setpoint, in ticks. A load is held by it.
+   */
+  int32_t deviation_ticks[ARMWIRE_LING_JOINTS];
 } ArmwireLingStopStep;
 
 /**
@@ -1992,6 +2000,17 @@ ArmwireStatus armwire_ling_read_back_on_joints(struct ArmwireLingReadBack *read_
 ArmwireStatus armwire_ling_stop_init(struct ArmwireLingStop *stop,
                                      uint32_t version,
                                      const uint16_t *opening_per_mille);
+
+/**
+ * Initializes a stop of an arm whose last move was `last`: if it stands within 40 ticks of that, it is held there, and
+ * does not move. Use `armwire_ling_stop_init` if the arm may have had no torque since then, or another program may have
+ * moved it. `version` is ARMWIRE_VERSION.
+ *
+ * ARMWIRE_STATUS_VERSION if header and library differ, ARMWIRE_STATUS_OUT_OF_RANGE for a move out of range.
+ */
+ArmwireStatus armwire_ling_stop_init_after(struct ArmwireLingStop *stop,
+                                           uint32_t version,
+                                           const struct ArmwireLingMove *last);
 
 /**
  * The next action. `now_us` is the time of a monotonic clock. Call it until its kind is one of the ends.

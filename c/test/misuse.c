@@ -249,12 +249,19 @@ static ArmwireStatus ling_stop_call(ArmwireLingStop *stop)
 {
     ArmwireLingStopStep next;
     ArmwireLingResponse joints;
+    ArmwireLingMove last;
     uint16_t opening = any16() % 1100;
     ArmwireStatus status;
-    switch (random_below(&rng, 8)) {
+    switch (random_below(&rng, 9)) {
     case 0: return armwire_ling_stop_init(stop, one_in(20) ? any32() : ARMWIRE_VERSION, or_null(&opening));
     case 1:
+        any_bytes(&last, sizeof last);
+        if (one_in(2)) {
+            memset(&last, 0, sizeof last);
+        }
+        return armwire_ling_stop_init_after(stop, one_in(20) ? any32() : ARMWIRE_VERSION, or_null(&last));
     case 2:
+    case 3:
         any_bytes(&joints, sizeof joints);
         joints.kind = one_in(10) ? any32() : ARMWIRE_LING_RESPONSE_KIND_JOINTS;
         joints.motion_status = one_in(2) ? 1 : any8();

@@ -4,7 +4,7 @@ use armwire::ling::stop::{Grip, Output, StopError, Stopped};
 use armwire::ling::{Immovable, JOINTS, MotionStatus, Opening, Request, Response, Stop};
 use armwire::time::Instant;
 
-use super::message::{ArmwireLingMove, ArmwireLingResponse};
+use super::message::{ARMWIRE_LING_JOINTS, ArmwireLingMove, ArmwireLingResponse};
 use crate::memory::{self, Memory};
 use crate::status::ArmwireStatus;
 use crate::version::ARMWIRE_VERSION;
@@ -67,7 +67,7 @@ pub struct ArmwireLingStopStep {
     /// The joint that moves, from 1.
     pub joint: u8,
     /// The last reading of each joint minus its setpoint, in ticks. A load is held by it.
-    pub deviation_ticks: [i32; JOINTS],
+    pub deviation_ticks: [i32; ARMWIRE_LING_JOINTS],
 }
 
 impl ArmwireLingStopStep {
