@@ -261,8 +261,6 @@ def test_stop_waits_for_rest_and_ends_the_stream(tmp_path: Path) -> None:
         robot.send_action(POSE)
         robot.disconnect()
     assert scripted.requests.count(READ_JOINTS) > 30
-    # The action, and the pose of the stop once for each 4 ticks at most.
-    assert scripted.requests.count(MOVE) <= 1 + 60 // 4
     assert scripted.requests[-1] == TORQUE_ON
 
 
