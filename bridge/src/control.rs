@@ -102,7 +102,7 @@ pub enum Request {
     /// Ends the reservation of the same port. Answered by [`Reply::Done`]. Since version 3.
     ReleaseLine,
     /// Stops the arm, whoever moves it: motion that waits is dropped, all streams of motion end with the torque on, the
-    /// arm is held in its present pose, and further motion is [refused](Refusal::Stopped) for [`STOP_MS`]. Each
+    /// arm is held as by [`armwire::ling::Stop`], and further motion is [refused](Refusal::Stopped) for [`STOP_MS`]. Each
     /// repetition renews that time. Since version 5.
     ///
     /// Answered by [`Reply::Done`] once the hold goes to the arm, or if the arm has no torque: nothing is sent to it then,

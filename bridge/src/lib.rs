@@ -49,9 +49,9 @@
 //!   returns the reservation.
 //! * **A host that streamed motion and went silent** is [reported](control::Event::HostSilent), and its unsent bytes
 //!   are dropped. The torque goes off if [configured](config::HostTimeout::torque_off). Torque-off waits for no answer.
-//! * **A [`Stop`](control::Request::Stop)** on the control port drops the motion that waits, holds the arm in its present
-//!   pose and [refuses](control::Refusal::Stopped) motion for 2 s. Its first reading of the joints goes out after the
-//!   request in flight, and its hold waits for no answer.
+//! * **A [`Stop`](control::Request::Stop)** on the control port drops the motion that waits, holds the arm in one pose, and
+//!   [refuses](control::Refusal::Stopped) motion for 2 s. Its first reading of the joints goes out after the request in
+//!   flight, and its hold waits for no answer.
 //! * **A cyclic command** that has waited for its turn longer than [its timeout](config::Can::command_timeout_ms) moves
 //!   nothing.
 //!
