@@ -293,11 +293,11 @@ fn nothing_moves_while_the_torque_is_off() {
 }
 
 /// Runs a session whose user holds an axis, stops and switches the torque on, with an arm that answers a request for joints
-/// with this frame. Returns the reason against motion, and the moves and torque-on that were sent.
+/// with this frame. Returns the reason against motion, and the different moves and torque-on that were sent.
 fn used(joints: &[u8]) -> (Option<Block>, usize, usize) {
     let mut session = Session::new(Instant::ZERO);
     session.enable_motion(Instant::ZERO, true);
-    let (mut moves, mut torques, mut block) = (0, 0, None);
+    let (mut moves, mut torques, mut block) = (Vec::new(), 0, None);
     for millis in 0..5_000 {
         let now = Instant::from_millis(millis);
         match millis {
@@ -315,12 +315,13 @@ fn used(joints: &[u8]) -> (Option<Block>, usize, usize) {
         };
         match (request.command, request.function) {
             (0x06, 0x00) => session.receive(now, joints),
-            (0x06, 0x03) => moves += 1,
+            (0x06, 0x03) => moves.push(request.data.to_vec()),
             (0x05, 0x00) => torques += 1,
             _ => {}
         }
     }
-    (block, moves, torques)
+    moves.dedup();
+    (block, moves.len(), torques)
 }
 
 #[test]
@@ -452,7 +453,9 @@ fn disabling_motion_stops_the_arm() {
     let disabled = bench.now;
     bench.session.enable_motion(bench.now, false);
     bench.run(500);
-    assert_eq!(bench.moves(disabled), 1);
+    let poses = bench.poses(disabled);
+    assert_eq!(poses.len(), 1);
+    assert_eq!(poses[0].map(Position::ticks), bench.arm.arm().joints());
     assert!(!bench.arm.arm().is_moving());
 }
 
@@ -468,7 +471,7 @@ fn stop_does_not_wait_for_lost_answer() {
     let released = bench.now;
     bench.release();
     bench.run(11);
-    assert_eq!(bench.moves(released), 1);
+    assert_eq!(bench.poses(released).len(), 1);
 }
 
 #[test]
