@@ -54,7 +54,7 @@
 /**
  * Size of a stop, in words of 64 bits.
  */
-#define ARMWIRE_LING_STOP_WORDS 24
+#define ARMWIRE_LING_STOP_WORDS 40
 
 /**
  * The version of this header: 0xMMmmpp. Every `init` function takes it.

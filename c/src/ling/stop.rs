@@ -10,7 +10,7 @@ use crate::status::ArmwireStatus;
 use crate::version::ARMWIRE_VERSION;
 
 /// Size of a stop, in words of 64 bits.
-pub const ARMWIRE_LING_STOP_WORDS: usize = 24;
+pub const ARMWIRE_LING_STOP_WORDS: usize = 40;
 
 /// A stop of a moving arm, whose torque stays on. The caller owns its memory. The content is private.
 #[repr(C)]
