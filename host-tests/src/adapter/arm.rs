@@ -14,14 +14,20 @@ pub(super) type Key = (u8, u8);
 
 /// Requests that the arm answers within 50 ms, each with its [`Tag`].
 pub(super) const QUERIES: [Key; 7] = [
-    (0x06, 0x00),
+    READ_JOINTS,
     (0x06, 0x02),
     (0x01, 0x00),
-    (0x77, 0),
-    (0x77, 1),
-    (0x77, 2),
-    (0x77, 3),
+    (UNDOCUMENTED, 0),
+    (UNDOCUMENTED, 1),
+    (UNDOCUMENTED, 2),
+    (UNDOCUMENTED, 3),
 ];
+
+/// A command that no document explains: it may change the arm's goal.
+pub(super) const UNDOCUMENTED: u8 = 0x77;
+
+/// The request of the joints.
+const READ_JOINTS: Key = (0x06, 0x00);
 
 /// The request with a time limit of 500 ms.
 pub(super) const SELF_CHECK: Key = (0xFE, 0x00);
@@ -54,6 +60,12 @@ pub(super) struct Tag {
 }
 
 impl Tag {
+    /// The tag of a reading of the joints, which has no room for one: only the adapter's own requests are answered by it.
+    const OF_READING: Self = Self {
+        initiator: Initiator::Poll,
+        number: 0,
+    };
+
     /// The tag of this initiator's next request, after this number of requests.
     pub(super) fn next(initiator: Initiator, requests: &mut u32) -> Self {
         *requests += 1;
@@ -71,13 +83,16 @@ impl Tag {
 
     /// The key and the tag of a frame. `None` without a tag.
     pub(super) fn of(bytes: &[u8]) -> Option<(Key, Self)> {
-        let &[0xAA, command, function, len, .., initiator, a, b, c, d, _, 0xFF] = bytes else {
+        let &[0xAA, command, function, len, ref data @ .., _, 0xFF] = bytes else {
             return None;
         };
-        if ![5, READING + 5].contains(&usize::from(len)) {
+        if usize::from(len) != data.len() {
             return None;
         }
-        let tag = Self::from_data(&[initiator, a, b, c, d])?;
+        let tag = match ((command, function), data.len()) {
+            (READ_JOINTS, READING) => Self::OF_READING,
+            _ => Self::from_data(data)?,
+        };
         Some(((command, function), tag))
     }
 
@@ -112,21 +127,19 @@ pub(super) fn frame((command, function): Key, data: &[u8]) -> Vec<u8> {
 pub(super) const TICKS: u16 = 2_048;
 pub(super) const GRIPPER: u16 = 310;
 
-/// The length of a reading, which its tag follows.
+/// The length of a reading. Another is of another robot.
 const READING: usize = 2 * (JOINTS + 1) + 1;
 
 /// The answer to a reading of the joints by the adapter.
-fn reading(tag: Tag, is_holding: bool) -> Vec<u8> {
+fn reading(is_holding: bool) -> Vec<u8> {
     let status = if is_holding {
         MotionStatus::Locked
     } else {
         MotionStatus::Idle
     };
     let values = [TICKS; JOINTS].into_iter().chain([GRIPPER]);
-    let mut data: Vec<u8> = values.flat_map(u16::to_le_bytes).chain([status.into()]).collect();
-    let [a, b, c, d] = tag.number.to_le_bytes();
-    data.extend([tag.initiator as u8, a, b, c, d]);
-    frame((0x06, 0x00), &data)
+    let data: Vec<u8> = values.flat_map(u16::to_le_bytes).chain([status.into()]).collect();
+    frame(READ_JOINTS, &data)
 }
 
 /// The arm's answering behaviour.
@@ -158,8 +171,7 @@ pub(super) struct Arm {
     tx_queue: VecDeque<Transmission>,
     /// The torque is on.
     is_holding: bool,
-    /// Number of joint requests and identity requests of the adapter.
-    polls: u32,
+    /// Number of identity requests of the adapter.
     identified: u32,
     /// An answer ended more than [`PROMPT`] after the last byte of its request.
     pub(super) has_answered_late: bool,
@@ -175,7 +187,6 @@ impl Arm {
             partial_frame_timeout: None,
             tx_queue: VecDeque::new(),
             is_holding: true,
-            polls: 0,
             identified: 0,
             has_answered_late: false,
         }
@@ -247,7 +258,7 @@ impl Arm {
             };
             let key = (frame.command, frame.function);
             let tag = match frame.data {
-                [0xFE] if key == (0x06, 0x00) => Some(Tag::next(Initiator::Poll, &mut self.polls)),
+                [0xFE] if key == READ_JOINTS => Some(Tag::OF_READING),
                 [0xFE] if key == (0x01, 0x00) => Some(Tag::next(Initiator::Adapter, &mut self.identified)),
                 data if QUERIES.contains(&key) || key == SELF_CHECK => Tag::from_data(data),
                 _ => None,
@@ -271,7 +282,7 @@ impl Arm {
             return;
         }
         let bytes = match tag.initiator {
-            Initiator::Poll => reading(tag, self.is_holding),
+            Initiator::Poll => reading(self.is_holding),
             _ => tag.frame(key),
         };
         let begin = self.tx_queue.back().map_or(0, |last| last.end);

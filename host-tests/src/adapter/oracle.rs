@@ -15,7 +15,7 @@ use armwire_bridge::Counters;
 use armwire_bridge::config::{Config, Poll};
 use armwire_bridge::control::{Event, Failure, Initiator, Refusal, Reply, STOP_MS};
 
-use super::arm::{GRIPPER, Key, SELF_CHECK, TICKS, Tag};
+use super::arm::{GRIPPER, Key, SELF_CHECK, TICKS, Tag, UNDOCUMENTED};
 
 /// Time limit from the host timeout to torque-off on the line, in µs.
 const TORQUE_OFF_BOUND: u64 = 150_000;
@@ -192,8 +192,10 @@ pub(super) struct Oracle {
     refused_stopped: u32,
     holds_since: u32,
     pub(super) holds: u32,
-    /// The gripper's goal in the last motion on the line.
+    /// The gripper's goal in the last motion on the line, and true if the adapter may have forgotten it: by a request in a
+    /// stop, or by a stop that failed.
     goal: Option<u16>,
+    is_goal_unsure: bool,
 
     line_bytes: u64,
     arm_bytes: u64,
@@ -427,6 +429,7 @@ impl Oracle {
             self.unanswered_stop = (now, self.holds);
         }
         self.is_stop_new = self.stopped_until.is_none();
+        self.is_goal_unsure |= !self.is_stop_new;
         self.stopped_until = Some(now + REFUSAL);
     }
 
@@ -478,6 +481,7 @@ impl Oracle {
         if self.stopped_until.take_if(|until| *until <= now).is_none() {
             return;
         }
+        self.is_goal_unsure = true;
         match std::mem::take(&mut self.gate_sent) {
             0 => self.usb.extend(self.gate.drain(..)),
             _ => {
@@ -512,11 +516,10 @@ impl Oracle {
         };
         let joints = hold.joints.map(|(position, _)| position.ticks());
         let gripper = hold.gripper.0.per_mille();
-        assert_eq!(
-            (joints, gripper),
-            ([TICKS; JOINTS], self.goal.unwrap_or(GRIPPER)),
-            "the pose of a hold"
-        );
+        let is_reading = self.is_goal_unsure && gripper == GRIPPER;
+        let expected = self.goal.filter(|_| !is_reading).unwrap_or(GRIPPER);
+        assert_eq!((joints, gripper), ([TICKS; JOINTS], expected), "the pose of a hold");
+        self.goal = Some(gripper);
         self.holds_since += 1;
         self.holds += 1;
     }
@@ -689,9 +692,13 @@ impl Oracle {
                 "motion of {initiator} at {now} µs after a stop"
             );
             self.goal = gripper_of(frame).or(self.goal);
+            self.is_goal_unsure = false;
         }
         match effect_of(frame) {
             Effect::Answer(key, tag) => {
+                if key.0 == UNDOCUMENTED {
+                    self.forget_goal();
+                }
                 if initiator != Initiator::Usb {
                     self.check_turn(initiator, key, now);
                 }
@@ -816,6 +823,15 @@ impl Oracle {
     /// The arm received torque-off from any initiator.
     pub(super) fn on_torque_off(&mut self) {
         self.torque_off_due = None;
+        self.forget_goal();
+    }
+
+    /// The arm may have another goal than that of the last motion. A stop has the goal of its begin.
+    fn forget_goal(&mut self) {
+        match self.stopped_until {
+            None => self.goal = None,
+            Some(_) => self.is_goal_unsure = true,
+        }
     }
 
     pub(super) fn on_arm_sent(&mut self, now: u64, bytes: &[u8]) {
