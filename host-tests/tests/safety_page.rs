@@ -4,7 +4,7 @@ use std::fs;
 use std::path::Path;
 
 /// The files of these tests.
-const TESTS: [&str; 42] = [
+const TESTS: [&str; 46] = [
     "bridge/src/tests/control.rs",
     "bridge/src/tests/delayed.rs",
     "bridge/src/tests/line_rate.rs",
@@ -13,6 +13,7 @@ const TESTS: [&str; 42] = [
     "bridge/src/tests/safety.rs",
     "bridge/src/tests/share.rs",
     "bridge/src/tests/stop.rs",
+    "cli/tests/program/foreign.rs",
     "cli/tests/program/replay.rs",
     "cli/tests/program/signals.rs",
     "cli/tests/program/stop.rs",
@@ -42,11 +43,14 @@ const TESTS: [&str; 42] = [
     "protocol/tests/stop.rs",
     "python/tests/test_aio.py",
     "python/tests/test_board.py",
+    "python/tests/test_foreign.py",
     "python/tests/test_lerobot.py",
     "python/tests/test_ling.py",
     "python/tests/test_stop.py",
+    "ros2/src/joint_states.rs",
     "ros2/src/motion.rs",
     "ros2/src/source.rs",
+    "web/engine/src/session/tests.rs",
 ];
 
 #[test]
