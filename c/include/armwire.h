@@ -27,6 +27,16 @@
 #define ARMWIRE_ALPHA1_NO_ANGLE 255
 
 /**
+ * Size of an arrival, in words of 64 bits.
+ */
+#define ARMWIRE_LING_ARRIVAL_WORDS 24
+
+/**
+ * The distance of a joint from its target within which it has arrived, in ticks, as in the vendor's software: 0.1 rad.
+ */
+#define ARMWIRE_LING_TOLERANCE 65
+
+/**
  * Size of a client, in words of 64 bits.
  */
 #define ARMWIRE_LING_CLIENT_WORDS 80
@@ -643,6 +653,43 @@ typedef uint32_t ArmwireLingStopStepKind;
 #endif // __cplusplus
 
 /**
+ * The state of an arrival at a reading.
+ */
+enum ArmwireLingArrivedKind
+#if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+  : uint32_t
+#endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+ {
+  /**
+   * The arm moves, or may still begin to.
+   */
+  ARMWIRE_LING_ARRIVED_KIND_NOT_YET = 0,
+  /**
+   * The move may be lost: send it once more, unless the arm was stopped meanwhile.
+   */
+  ARMWIRE_LING_ARRIVED_KIND_RESEND,
+  /**
+   * The end: all axes are at rest at the target.
+   */
+  ARMWIRE_LING_ARRIVED_KIND_AT_TARGET,
+  /**
+   * The end: the joints are at rest at the target. The gripper stands still away from it: it may hold something.
+   */
+  ARMWIRE_LING_ARRIVED_KIND_GRIPPER_STANDS_STILL,
+  /**
+   * The end: the joints are at rest away from the target.
+   */
+  ARMWIRE_LING_ARRIVED_KIND_ELSEWHERE,
+};
+#ifndef __cplusplus
+#if __STDC_VERSION__ >= 202311L
+typedef enum ArmwireLingArrivedKind ArmwireLingArrivedKind;
+#else
+typedef uint32_t ArmwireLingArrivedKind;
+#endif // __STDC_VERSION__ >= 202311L
+#endif // __cplusplus
+
+/**
  * A message of the host.
  */
 enum ArmwireAlpha1RequestKind
@@ -1225,11 +1272,33 @@ typedef struct ArmwireAlpha1Request {
 } ArmwireAlpha1Request;
 
 /**
- * A client of a Ling arm: one request at a time. The caller owns its memory. The content is private.
+ * The arrival at the target of a move. The caller owns its memory. The content is private.
  */
-typedef struct ArmwireLingClient {
-  uint64_t opaque[ARMWIRE_LING_CLIENT_WORDS];
-} ArmwireLingClient;
+typedef struct ArmwireLingArrival {
+  uint64_t opaque[ARMWIRE_LING_ARRIVAL_WORDS];
+} ArmwireLingArrival;
+
+/**
+ * Targets and speeds of a move (section 2.5). A joint has 4096 ticks per turn, 2048 at the centre.
+ */
+typedef struct ArmwireLingMove {
+  /**
+   * Targets of joints 1 to 6, 0 to 4095.
+   */
+  uint16_t position_ticks[ARMWIRE_LING_JOINTS];
+  /**
+   * Speeds of joints 1 to 6. A client accepts 50 to 5000: an arm may take less for 0. A device receives 0 to 5000.
+   */
+  uint16_t speed_ticks_per_s[ARMWIRE_LING_JOINTS];
+  /**
+   * Target of the gripper, 0 (closed) to 1000 (open).
+   */
+  uint16_t opening_per_mille;
+  /**
+   * Speed of the gripper. The vendor's software sends 5500.
+   */
+  uint16_t gripper_speed_ticks_per_s;
+} ArmwireLingMove;
 
 /**
  * A response received by a client or sent by a device. Members that its kind does not set are 0.
@@ -1292,26 +1361,29 @@ typedef struct ArmwireLingResponse {
 } ArmwireLingResponse;
 
 /**
- * Targets and speeds of a move (section 2.5). A joint has 4096 ticks per turn, 2048 at the centre.
+ * The state of an arrival at a reading, and the distances from the target.
  */
-typedef struct ArmwireLingMove {
+typedef struct ArmwireLingArrived {
   /**
-   * Targets of joints 1 to 6, 0 to 4095.
+   * The kind: an `ArmwireLingArrivedKind`.
    */
-  uint16_t position_ticks[ARMWIRE_LING_JOINTS];
+  uint32_t kind;
   /**
-   * Speeds of joints 1 to 6. A client accepts 50 to 5000: an arm may take less for 0. A device receives 0 to 5000.
+   * The reading of each joint minus its target, in ticks. A load is held by it.
    */
-  uint16_t speed_ticks_per_s[ARMWIRE_LING_JOINTS];
+  int32_t deviation_ticks[ARMWIRE_LING_JOINTS];
   /**
-   * Target of the gripper, 0 (closed) to 1000 (open).
+   * Bit 0 to 5: joint 1 to 6 is away from its target. Bit 6: the gripper is.
    */
-  uint16_t opening_per_mille;
-  /**
-   * Speed of the gripper. The vendor's software sends 5500.
-   */
-  uint16_t gripper_speed_ticks_per_s;
-} ArmwireLingMove;
+  uint8_t away;
+} ArmwireLingArrived;
+
+/**
+ * A client of a Ling arm: one request at a time. The caller owns its memory. The content is private.
+ */
+typedef struct ArmwireLingClient {
+  uint64_t opaque[ARMWIRE_LING_CLIENT_WORDS];
+} ArmwireLingClient;
 
 /**
  * The arm's side of a line: requests in, responses out. It implements the protocol, not the arm. The caller owns
@@ -1773,6 +1845,27 @@ ArmwireStatus armwire_config_tcp(struct ArmwireConfig *config);
 size_t armwire_fault_text(const struct ArmwireFault *fault, char *out, size_t size);
 
 /**
+ * Initializes the arrival at this target of a move that was just sent. `version` is ARMWIRE_VERSION. `within_ticks` is the
+ * tolerance of each joint: ARMWIRE_LING_TOLERANCE, for example.
+ *
+ * ARMWIRE_STATUS_VERSION if header and library differ, ARMWIRE_STATUS_OUT_OF_RANGE for a target out of range.
+ */
+ArmwireStatus armwire_ling_arrival_init(struct ArmwireLingArrival *arrival,
+                                        uint32_t version,
+                                        const struct ArmwireLingMove *target,
+                                        uint16_t within_ticks);
+
+/**
+ * Takes a reading of the joints, at most 150 ms after the one before, until the kind is one of the ends.
+ *
+ * ARMWIRE_STATUS_UNKNOWN_KIND for another response.
+ */
+ArmwireStatus armwire_ling_arrival_on_joints(struct ArmwireLingArrival *arrival,
+                                             uint64_t now_us,
+                                             const struct ArmwireLingResponse *joints,
+                                             struct ArmwireLingArrived *arrived);
+
+/**
  * Initializes a client. `version` is ARMWIRE_VERSION. `config` may be NULL, for that of `armwire_config_serial`.
  *
  * ARMWIRE_STATUS_VERSION if header and library differ, ARMWIRE_STATUS_OUT_OF_RANGE if the baud rate is 0.
@@ -2038,13 +2131,6 @@ ArmwireLingHolding armwire_ling_holding(uint8_t motion_status);
  * Whether the arm with this response of kind JOINTS may be moved. Ask it before the first move: the client sends any.
  */
 ArmwireLingMotion armwire_ling_check_motion(const struct ArmwireLingResponse *joints);
-
-/**
- * 1 if the joints in a response of kind JOINTS are within 3 ticks of the target's; 0 otherwise. Speeds and the gripper do
- * not count: a gripper may hold an object.
- */
-uint8_t armwire_ling_joints_reached(const struct ArmwireLingMove *target,
-                                    const struct ArmwireLingResponse *joints);
 
 /**
  * The text of an `ArmwireStatus`, in English. Never NULL.

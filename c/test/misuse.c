@@ -2,11 +2,22 @@
  * out of range, short buffers, calls in any order. Usage: misuse CALLS [SEED] */
 #include "harness.h"
 
-enum Kind { LING_CLIENT, LING_DEVICE, LING_STOP, LING_READ_BACK, LING_ARRIVAL, ALPHA1_CLIENT, ALPHA1_DEVICE, XARM_CLIENT, XARM_DEVICE, KINDS };
+enum Kind {
+    LING_CLIENT,
+    LING_DEVICE,
+    LING_STOP,
+    LING_READ_BACK,
+    LING_ARRIVAL,
+    ALPHA1_CLIENT,
+    ALPHA1_DEVICE,
+    XARM_CLIENT,
+    XARM_DEVICE,
+    KINDS
+};
 
 static const size_t sizes[KINDS] = {sizeof(ArmwireLingClient),   sizeof(ArmwireLingDevice),   sizeof(ArmwireLingStop),
-                                    sizeof(ArmwireLingReadBack), sizeof(ArmwireAlpha1Client), sizeof(ArmwireAlpha1Device),
-                                    sizeof(ArmwireXarmClient),   sizeof(ArmwireXarmDevice)};
+                                    sizeof(ArmwireLingReadBack), sizeof(ArmwireLingArrival),  sizeof(ArmwireAlpha1Client),
+                                    sizeof(ArmwireAlpha1Device), sizeof(ArmwireXarmClient),   sizeof(ArmwireXarmDevice)};
 
 /* Memory on the heap, so that the address sanitizer detects an access beyond it. Each fits every kind, to test wrong types. */
 #define MEMORIES 12
@@ -306,11 +317,11 @@ static ArmwireStatus ling_arrival_call(ArmwireLingArrival *arrival)
         any_bytes(&target, sizeof target);
         for (int joint = 0; joint < ARMWIRE_LING_JOINTS; joint++) {
             target.position_ticks[joint] %= 4200;
-            target.speed_ticks_per_s[joint] = 50 + random_below(&rng, 5000);
+            target.speed_ticks_per_s[joint] = (uint16_t)(50 + random_below(&rng, 5000));
         }
         target.opening_per_mille %= 1100;
         return armwire_ling_arrival_init(arrival, one_in(20) ? any32() : ARMWIRE_VERSION, or_null(&target),
-                                         random_below(&rng, 0x10000));
+                                         any16());
     }
     any_bytes(&joints, sizeof joints);
     joints.kind = one_in(10) ? any32() : ARMWIRE_LING_RESPONSE_KIND_JOINTS;

@@ -1,10 +1,10 @@
 //! The arrival of an arm at the target of a move.
 
 use armwire::ling::arrival::{Arrival, Arrived, Away, Tolerances};
-use armwire::ling::{JOINTS, Response};
+use armwire::ling::Response;
 use armwire::time::Instant;
 
-use super::message::{ArmwireLingMove, ArmwireLingResponse};
+use super::message::{ARMWIRE_LING_JOINTS, ArmwireLingMove, ArmwireLingResponse};
 use crate::memory::{self, Memory};
 use crate::status::ArmwireStatus;
 use crate::version::ARMWIRE_VERSION;
@@ -12,7 +12,9 @@ use crate::version::ARMWIRE_VERSION;
 /// Size of an arrival, in words of 64 bits.
 pub const ARMWIRE_LING_ARRIVAL_WORDS: usize = 24;
 /// The distance of a joint from its target within which it has arrived, in ticks, as in the vendor's software: 0.1 rad.
-pub const ARMWIRE_LING_TOLERANCE: u16 = Tolerances::JOINT;
+pub const ARMWIRE_LING_TOLERANCE: u16 = 65;
+// The header needs a literal.
+const _: () = assert!(ARMWIRE_LING_TOLERANCE == Tolerances::JOINT);
 
 /// The arrival at the target of a move. The caller owns its memory. The content is private.
 #[repr(C)]
@@ -49,7 +51,7 @@ pub struct ArmwireLingArrived {
     /// The kind: an `ArmwireLingArrivedKind`.
     pub kind: u32,
     /// The reading of each joint minus its target, in ticks. A load is held by it.
-    pub deviation_ticks: [i32; JOINTS],
+    pub deviation_ticks: [i32; ARMWIRE_LING_JOINTS],
     /// Bit 0 to 5: joint 1 to 6 is away from its target. Bit 6: the gripper is.
     pub away: u8,
 }

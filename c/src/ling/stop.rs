@@ -1,7 +1,7 @@
 //! Stopping an arm, and the meaning of its readings.
 
 use armwire::ling::stop::{Grip, Output, StopError, Stopped};
-use armwire::ling::{Immovable, JOINTS, MotionStatus, Opening, Request, Response, Stop};
+use armwire::ling::{Immovable, MotionStatus, Opening, Request, Response, Stop};
 use armwire::time::Instant;
 
 use super::message::{ARMWIRE_LING_JOINTS, ArmwireLingMove, ArmwireLingResponse};
