@@ -1,7 +1,7 @@
 //! The arrival of an arm at the target of a move.
 
-use armwire::ling::arrival::{Arrival, Arrived, Away, Tolerances};
 use armwire::ling::Response;
+use armwire::ling::arrival::{Arrival, Arrived, Away, Tolerances};
 use armwire::time::Instant;
 
 use super::message::{ARMWIRE_LING_JOINTS, ArmwireLingMove, ArmwireLingResponse};
