@@ -31,6 +31,7 @@ pub(crate) struct Stop {
 }
 
 /// The steps that stop one kind of arm.
+#[allow(clippy::large_enum_variant, reason = "one at a time, and no heap to put it on")]
 pub(in crate::line) enum Steps {
     Ling(ling::Stop),
     /// The arm's own request, until it was sent.
