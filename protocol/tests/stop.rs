@@ -219,6 +219,35 @@ fn arm_that_passes_its_known_goal_is_held_at_a_reading() {
 }
 
 #[test]
+fn arm_that_falls_silent_near_its_known_goal_is_held() {
+    let goal = Move {
+        joints: [(Position::CENTRE, Speed::MAX); 6],
+        gripper: (Opening::CLOSED, GripperSpeed(1000)),
+    };
+    let mut arm = Arm::moving(0.0);
+    arm.position = 2_030.0;
+    let mut stop = Stop::after(&goal);
+    let mut readings = [arm.state()].into_iter();
+    let (begun, mut held) = (arm.now, None);
+    let error = loop {
+        match stop.poll(arm.now) {
+            Output::Request(Request::ReadJoints) => {
+                if let Some(state) = readings.next() {
+                    stop.on_joints(arm.now, &state);
+                }
+            }
+            Output::Request(Request::Move(target)) => held = held.or(Some((arm.now.since(begun), target))),
+            Output::Request(other) => panic!("{other:?}"),
+            Output::Wait(until) => arm.pass(until.since(arm.now)),
+            Output::Done(result) => break result.unwrap_err(),
+        }
+    };
+    let (after, target) = held.expect("a hold");
+    assert_eq!((after, target.joints[2].0.ticks()), (Duration::from_millis(300), 2_030));
+    assert_eq!(error, StopError::Unconfirmed { readings: 1 });
+}
+
+#[test]
 fn joint_that_obeyed_and_leaves_is_moved_by_another() {
     let mut arm = Arm::moving(0.0);
     let mut stop = Stop::new(None);

@@ -11,7 +11,7 @@ use crate::time::{Duration, Instant};
 const PERIOD: Duration = Duration::from_millis(20);
 /// An arm that has been at rest for this time, near its last goal, is held at that goal.
 const STANDING: Duration = Duration::from_millis(100);
-/// An arm that still moves there after this time is held at its reading.
+/// An arm that does not stand there after this time, or of which no more readings came, is held at its last reading.
 const SETTLING: Duration = Duration::from_millis(300);
 /// A joint may rest this far from its goal, in ticks: 3.5°. A servo holds a load by its error.
 const SAG: u16 = 40;
@@ -73,6 +73,8 @@ pub struct Stop {
     goal: Option<[Position; JOINTS]>,
     /// The time of the first poll.
     start: Option<Instant>,
+    /// The hold at the last reading of an arm that may yet stand at its goal.
+    fallback: Option<Move>,
     hold: Option<Hold>,
     rest: Rest,
     motion: Motion,
@@ -201,6 +203,7 @@ impl Stop {
             gripper,
             goal: None,
             start: None,
+            fallback: None,
             hold: None,
             rest: Rest::new(),
             motion: Motion { last: None, fastest: 0 },
@@ -234,7 +237,14 @@ impl Stop {
 
     /// The next action.
     pub fn poll(&mut self, now: Instant) -> Output {
-        let limit = *self.start.get_or_insert(now) + Self::LIMIT;
+        let start = *self.start.get_or_insert(now);
+        let limit = start + Self::LIMIT;
+        if self.hold.is_none()
+            && now.since(start) >= SETTLING
+            && let Some(target) = self.fallback
+        {
+            self.hold(target);
+        }
         if let Some(hold) = self.hold.as_mut().filter(|hold| hold.due > 0) {
             self.step = Step::Read(now + PERIOD);
             return Output::Request(Request::Move(hold.send(now, &self.motion)));
@@ -276,7 +286,6 @@ impl Stop {
 
     /// The step after a reading. `None` while the arm may still move.
     fn judge(&mut self, now: Instant, state: &JointState) -> Option<Step> {
-        let start = *self.start.get_or_insert(now);
         if state.status.is_torque_off() {
             return Some(Step::End(Ok(Stopped::WithoutTorque(*state))));
         }
@@ -295,13 +304,14 @@ impl Stop {
         let rest = rest.unwrap_or(Duration::ZERO);
         let Some(hold) = &mut self.hold else {
             let pose = match self.goal.filter(|goal| is_near(goal, &joints)) {
-                Some(_) if rest < STANDING && now.since(start) < SETTLING => return None,
-                Some(_) if rest < STANDING => joints,
+                Some(_) if rest < STANDING => {
+                    self.fallback = Some(self.target(joints, state));
+                    return None;
+                }
                 Some(goal) => goal,
                 None => joints,
             };
-            self.hold = Some(Hold::new(self.hold_at(pose, state)));
-            self.rest = Rest::new();
+            self.hold(self.target(pose, state));
             return None;
         };
         if let Err(joint) = hold.on_joints(rest, &joints) {
@@ -327,8 +337,14 @@ impl Stop {
         })
     }
 
+    /// Holds the arm by this move.
+    fn hold(&mut self, target: Move) {
+        self.hold = Some(Hold::new(target));
+        self.rest = Rest::new();
+    }
+
     /// The move that holds the arm in this pose.
-    fn hold_at(&self, joints: [Position; JOINTS], state: &JointState) -> Move {
+    fn target(&self, joints: [Position; JOINTS], state: &JointState) -> Move {
         let speed = Speed::new(SPEED).unwrap_or(Speed::MAX);
         // A reading beyond the open end is held at that end: with an error instead, the joints would move on.
         let gripper = self.gripper.or(state.opening().ok()).unwrap_or(Opening::OPEN);
