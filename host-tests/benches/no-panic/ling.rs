@@ -41,7 +41,11 @@ pub(crate) fn call_all() {
     black_box(Opening::from_millimetres(float, stroke).is_ok_and(|opening| opening.millimetres(stroke) == float));
     black_box(TemperatureLimit::new(black_box(0)).is_ok_and(|limit| limit.celsius() == black_box(0)));
     black_box(u8::from(MotionStatus::from(black_box(0))));
-    black_box(MotionStatus::of_answer(black_box(0), black_box(15)).check_motion().is_ok());
+    black_box(
+        MotionStatus::of_answer(black_box(0), black_box(15))
+            .check_motion()
+            .is_ok(),
+    );
 
     let state = black_box(JointState {
         joints: [0; 6],
