@@ -27,7 +27,7 @@ const ENGINE: &str = "build --package armwire-web --profile web --locked --quiet
 const MODULE: &str = "armwire_web.wasm";
 const SERVED_MODULE: &str = "armwire.wasm";
 /// Maximum size of the module, in bytes.
-const MAX_MODULE: u64 = 80 * 1024;
+const MAX_MODULE: u64 = 90 * 1024;
 /// Features that compilers enable for this target by default.
 const WASM_FEATURES: [&str; 6] = [
     "--enable-bulk-memory",
