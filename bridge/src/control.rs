@@ -29,7 +29,7 @@ use crate::control_codec::COBS;
 pub use crate::control_codec::{MAX_MESSAGE, Malformed, Message, NoRoom, Reader, Reason, decode, encode, encode_cobs};
 
 /// The version of this schema.
-pub const VERSION: u16 = 6;
+pub const VERSION: u16 = 7;
 
 /// The longest event in postcard format, in bytes: a frame of [`MAX_FRAME`] bytes, its stamp and its initiator.
 pub const MAX_EVENT: usize = 96;
@@ -115,6 +115,8 @@ pub enum Request {
     /// Reads the configuration in flash, which a [`SaveConfig`](Self::SaveConfig) overwrites. Answered by
     /// [`Reply::Saved`], or as [`Request::SaveConfig`] if it fails. Since version 5.
     GetSaved,
+    /// Reads the [stop](Self::Stop) in force. Answered by [`Reply::Stop`]. Since version 7.
+    GetStop,
 }
 
 /// The time without motion after a [`Request::Stop`], in milliseconds.
@@ -243,6 +245,19 @@ pub enum Reply {
     },
     /// The configuration in flash. Since version 5.
     Saved(Saved),
+    /// The stop in force. `None` if motion is not refused for one. Since version 7.
+    Stop(Option<StopInForce>),
+}
+
+/// A [`Request::Stop`] whose refusal of motion has not ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct StopInForce {
+    /// The host that requested it last: on USB or on CAN.
+    pub by: Initiator,
+    /// Time until motion passes, in milliseconds, rounded up.
+    pub left_ms: u16,
 }
 
 /// The line to the arm, and its reservation.
@@ -541,6 +556,19 @@ impl fmt::Display for Refusal {
     }
 }
 
+impl fmt::Display for StopInForce {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let by = match self.by {
+            Initiator::Usb => "a host on USB",
+            Initiator::Can => "a host on CAN",
+            _ => "the adapter",
+        };
+        let tenths = self.left_ms.div_ceil(100);
+        let (seconds, rest) = (tenths / 10, tenths % 10);
+        write!(f, "motion is refused for {seconds}.{rest} s more: stopped by {by}")
+    }
+}
+
 #[cfg(test)]
 mod tests {
     extern crate std;
@@ -554,6 +582,12 @@ mod tests {
         let names = ["usb", "can", "poll", "command", "adapter"];
         assert_eq!(Initiator::ALL.map(|initiator| initiator.to_string()), names);
         assert_eq!(Refusal::Stale.to_string(), "stale command");
+        let stop = StopInForce {
+            by: Initiator::Can,
+            left_ms: 1_101,
+        };
+        let text = "motion is refused for 1.2 s more: stopped by a host on CAN";
+        assert_eq!(stop.to_string(), text);
     }
 
     #[test]

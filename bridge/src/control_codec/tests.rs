@@ -13,7 +13,8 @@ use crate::can::Node;
 use crate::config::{ArmKind, Can, Config, ConfigError, HostTimeout, Poll};
 use crate::control::{
     ArmIdentity, Event, Failure, FrameBytes, FromAdapter, FromHost, Histogram, Identity, Initiator, Latencies,
-    LineReservation, LineState, MAX_COBS, MAX_EVENT, MAX_FRAME, Refusal, Reply, Request, Stamp, Subscription, VERSION,
+    LineReservation, LineState, MAX_COBS, MAX_EVENT, MAX_FRAME, Refusal, Reply, Request, Stamp, StopInForce,
+    Subscription, VERSION,
 };
 use crate::store::Saved;
 use crate::{Counters, LineCoding, Parity, StopBits};
@@ -88,6 +89,7 @@ fn from_host() -> impl Strategy<Value = FromHost> {
         Just(Request::Stop),
         Just(Request::GetRecovery),
         Just(Request::GetSaved),
+        Just(Request::GetStop),
     ];
     (any::<u8>(), request).prop_map(|(sequence, request)| FromHost { sequence, request })
 }
@@ -151,7 +153,13 @@ fn reply() -> impl Strategy<Value = Reply> {
         line_state().prop_map(Reply::Line),
         any::<bool>().prop_map(|active| Reply::Recovery { active }),
         saved().prop_map(Reply::Saved),
+        stop().prop_map(Reply::Stop),
     ]
+}
+
+fn stop() -> impl Strategy<Value = Option<StopInForce>> {
+    let by = prop::sample::select(vec![Initiator::Usb, Initiator::Can]);
+    prop::option::of((by, any::<u16>()).prop_map(|(by, left_ms)| StopInForce { by, left_ms }))
 }
 
 fn saved() -> impl Strategy<Value = Saved> {
@@ -547,6 +555,20 @@ fn version_5_messages_follow_those_of_version_4() {
     assert_eq!(decode(&[1, 9, 4, 1]), Ok(FromAdapter::Event { at: Stamp(9), event }));
 }
 
+#[test]
+fn version_7_messages_follow_those_of_version_6() {
+    let request = Request::GetStop;
+    assert_eq!(decode(&[7, 18]), Ok(FromHost { sequence: 7, request }));
+    let stop = StopInForce {
+        by: Initiator::Can,
+        left_ms: 1_200,
+    };
+    for (bytes, stop) in [(&[0, 7, 12, 0][..], None), (&[0, 7, 12, 1, 1, 0xB0, 0x09], Some(stop))] {
+        let reply = Reply::Stop(stop);
+        assert_eq!(decode(bytes), Ok(FromAdapter::Reply { sequence: 7, reply }));
+    }
+}
+
 /// An identity of this version, up to its serial number.
 fn identity_bytes(version: u8) -> Vec<u8> {
     [&[0, 7, 2, version][..], b"\x051.2.3\x00\x04pico\x0212"].concat()
@@ -607,8 +629,8 @@ fn unknown_request_keeps_its_sequence_number() {
         sequence: Some(200),
         reason: Reason::Unknown,
     };
-    assert_eq!(decode::<FromHost>(&[200, 18]), Err(malformed));
-    assert_eq!(decode::<FromHost>(&[200, 18, 1, 2, 3]), Err(malformed));
+    assert_eq!(decode::<FromHost>(&[200, 19]), Err(malformed));
+    assert_eq!(decode::<FromHost>(&[200, 19, 1, 2, 3]), Err(malformed));
 }
 
 #[test]

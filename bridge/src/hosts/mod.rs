@@ -528,7 +528,8 @@ impl Hosts {
                 line.release_line(port, now);
                 Reply::Done
             }
-            Request::Stop => match line.stop(now) {
+            Request::GetStop => Reply::Stop(line.stop_in_force(now)),
+            Request::Stop => match line.stop(port.initiator(), now) {
                 Ok(()) => {
                     self.can.stop_commands();
                     if self.control.add_stop(port, sequence) {

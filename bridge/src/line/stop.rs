@@ -2,21 +2,21 @@
 
 use armwire::time::Instant;
 
-use crate::control::Failure;
+use crate::control::{Failure, Initiator, StopInForce};
 
 use super::Line;
 use super::guard::{STREAMERS, Step};
 
 impl Line {
-    /// Stops the arm, by a request on the control port. [`stopped`](Self::stopped) has the result.
-    pub(crate) fn stop(&mut self, now: Instant) -> Result<(), Failure> {
+    /// Stops the arm, by a request of this host on the control port. [`stopped`](Self::stopped) has the result.
+    pub(crate) fn stop(&mut self, by: Initiator, now: Instant) -> Result<(), Failure> {
         if self.guard.rate.is_reserved_by_request() {
             return Err(Failure::LineReserved);
         }
         let steps = self.guard.stop.steps(self.kind);
         let steps = steps.ok_or(Failure::NotStoppable(self.kind))?;
         self.take_line_back(now);
-        if self.guard.stop.refuse_motion(now) {
+        if self.guard.stop.refuse_motion(by, now) {
             for initiator in STREAMERS {
                 self.guard.dead_man.end(initiator);
             }
@@ -33,6 +33,11 @@ impl Line {
     /// The result of a [`stop`](Self::stop), returned once.
     pub(crate) const fn stopped(&mut self) -> Option<Result<(), Failure>> {
         self.guard.stop.take_result()
+    }
+
+    /// The stop for which motion is refused.
+    pub(crate) fn stop_in_force(&self, now: Instant) -> Option<StopInForce> {
+        self.guard.stop.in_force(now)
     }
 
     /// Returns true while the adapter stops the arm.
@@ -74,7 +79,7 @@ impl Line {
         let restarts = self.guard.stop.change_arm();
         self.end_stop(now);
         if restarts {
-            let result = self.stop(now);
+            let result = self.stop(self.guard.stop.by(), now);
             self.guard.stop.repeated(result);
         }
     }

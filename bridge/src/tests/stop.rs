@@ -18,7 +18,7 @@ use crate::can::command::Command;
 use crate::can::telemetry::event_from_frame;
 use crate::config::{ArmKind, Can, Config, HostTimeout, Poll};
 use crate::control::{
-    Event, Failure, FromAdapter, Initiator, LineReservation, MAX_FRAME, Refusal, Reply, Request, STOP_MS,
+    Event, Failure, FromAdapter, Initiator, LineReservation, MAX_FRAME, Refusal, Reply, Request, STOP_MS, StopInForce,
 };
 use crate::{Action, Instant, UsbEvent};
 
@@ -431,6 +431,30 @@ fn motion_is_refused_for_two_seconds() {
     rig.can_out.push_back(motion());
     rig.run(5_000);
     assert_eq!(sent(&rig), [hold(POSE, 310), motion(), motion()]);
+}
+
+#[test]
+fn stop_in_force_tells_its_host_and_the_time_left() {
+    let mut rig = rig(config());
+    let stop = |by, left_ms| Reply::Stop(Some(StopInForce { by, left_ms }));
+    assert_eq!(rig.call(Request::GetStop), Reply::Stop(None));
+    rig.request(Request::Stop);
+    assert_eq!(rig.call(Request::GetStop), stop(Initiator::Usb, STOP_MS));
+    rig.run(1_000_001);
+    assert_eq!(rig.call(Request::GetStop), stop(Initiator::Usb, 1_000));
+    // The last host counts.
+    rig.request_on_can(1, Request::Stop);
+    rig.run(10_000);
+    let Reply::Stop(Some(StopInForce {
+        by: Initiator::Can,
+        left_ms,
+    })) = rig.call(Request::GetStop)
+    else {
+        panic!("the stop by CAN is in force");
+    };
+    assert!((1_980..=2_000).contains(&left_ms), "{left_ms}");
+    rig.run(REFUSAL);
+    assert_eq!(rig.call(Request::GetStop), Reply::Stop(None));
 }
 
 #[test]

@@ -188,6 +188,7 @@ fn answers(message: &core::result::Result<FromHost, Malformed>, reply: &Reply, h
         Request::Stop => matches!(reply, Reply::Done | Reply::Failed(_)),
         Request::GetRecovery => *reply == Reply::Recovery { active: false },
         Request::GetSaved => matches!(reply, Reply::Saved(Saved::Nothing) | Reply::Failed(_)),
+        Request::GetStop => matches!(reply, Reply::Stop(_)),
     }
 }
 

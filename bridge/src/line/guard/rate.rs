@@ -1,7 +1,7 @@
 //! The line's rate, set by the arm's kind or by the host on USB, and the reservation of the line for USB.
 
 use crate::config::ArmKind;
-use crate::control::{LineReservation, LineState};
+use crate::control::{Initiator, LineReservation, LineState};
 use crate::earliest::Earliest;
 use crate::line::byte_time::ByteTime;
 use crate::line_coding::{LineCoding, UartConfig};
@@ -14,6 +14,16 @@ pub(crate) enum ControlPort {
     Usb,
     /// The control connection on CAN.
     Can,
+}
+
+impl ControlPort {
+    /// The host on this port.
+    pub(crate) const fn initiator(self) -> Initiator {
+        match self {
+            Self::Usb => Initiator::Usb,
+            Self::Can => Initiator::Can,
+        }
+    }
 }
 
 /// Time after SET_LINE_CODING at which an open port gets its rate without a byte: many programs set two rates in a row,

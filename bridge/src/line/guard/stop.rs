@@ -9,7 +9,7 @@ use armwire::time::{Duration, Instant};
 
 use crate::arm::OwnRequest;
 use crate::config::ArmKind;
-use crate::control::{Failure, FrameBytes, Initiator, STOP_MS};
+use crate::control::{Failure, FrameBytes, Initiator, STOP_MS, StopInForce};
 
 /// The time without motion.
 const REFUSAL: Duration = Duration::from_millis(STOP_MS as u64);
@@ -18,6 +18,8 @@ const REFUSAL: Duration = Duration::from_millis(STOP_MS as u64);
 pub(crate) struct Stop {
     /// The end of the refusal of motion, and of the steps. `None` without a stop.
     until: Option<Instant>,
+    /// The host that requested the last stop.
+    by: Initiator,
     /// The steps that are left, and the time of the next one.
     steps: Option<Steps>,
     due: Option<Instant>,
@@ -115,6 +117,7 @@ impl Stop {
     pub(in crate::line) fn new() -> Self {
         Self {
             until: None,
+            by: Initiator::Usb,
             steps: None,
             due: None,
             has_read: false,
@@ -143,9 +146,24 @@ impl Stop {
         Steps::new(kind, self.last.as_ref())
     }
 
-    /// Refuses motion from now on, for its time. Returns true if it was not refused before.
-    pub(in crate::line) fn refuse_motion(&mut self, now: Instant) -> bool {
+    /// Refuses motion from now on, for its time, by a request of this host. Returns true if it was not refused before.
+    pub(in crate::line) fn refuse_motion(&mut self, by: Initiator, now: Instant) -> bool {
+        self.by = by;
         self.until.replace(now + REFUSAL).is_none()
+    }
+
+    /// The host that requested the last stop.
+    pub(in crate::line) const fn by(&self) -> Initiator {
+        self.by
+    }
+
+    /// The stop for which motion is refused.
+    pub(in crate::line) fn in_force(&self, now: Instant) -> Option<StopInForce> {
+        let left = self.until?.since(now).as_micros().div_ceil(1_000);
+        Some(StopInForce {
+            by: self.by,
+            left_ms: left.min(STOP_MS.into()) as u16,
+        })
     }
 
     /// Begins the steps, unless they are running. Returns true if they begin.
