@@ -1,5 +1,6 @@
 //! A Ling arm: its requests, and what a motion depends on.
 
+mod refusals;
 mod stream;
 mod wait;
 
@@ -12,9 +13,11 @@ use armwire::ling::{
     GripperSpeed, Info, JOINTS, JointState, MotionStatus, Move, Opening, PerServo, Position, Request, SelfCheck, Speed,
     Stop, Stroke, TemperatureLimit, Torque,
 };
+use armwire_bridge::control::StopInForce;
 
 use crate::arm::legacy;
 use crate::arm::pose::OnPose;
+use crate::arm::shared::Shared;
 use crate::arm::stop;
 use crate::error::text::Text;
 use crate::error::{Error, SilentMotion, TorqueOffEffect};
@@ -23,6 +26,7 @@ use crate::ports::link::{Interrupt, LineErrors, Link};
 use crate::ports::port::Connection;
 use crate::time::silence::SilenceLimit;
 
+use refusals::Refusals;
 pub use stream::Stream;
 pub use wait::{MotionReadings, Switching, Wait};
 
@@ -63,6 +67,8 @@ pub struct Ling {
     last: Option<JointState>,
     /// True if the last reading was an Alicia-D's.
     is_own: bool,
+    /// The adapter's refusals of motion.
+    refusals: Refusals,
     /// Gets each reading of the joints.
     pub(crate) on_pose: Option<OnPose<JointState>>,
 }
@@ -90,6 +96,7 @@ impl Connection {
             may_move: false,
             last: None,
             is_own: false,
+            refusals: Refusals::default(),
             on_pose: None,
         })
     }
@@ -134,6 +141,11 @@ impl Ling {
         }
     }
 
+    /// Takes the adapter whose control port a reader of this arm has.
+    pub(crate) fn lend_adapter(&mut self, adapter: Shared<Adapter>) {
+        self.refusals.lend(adapter);
+    }
+
     /// Reads the joints of an arm that is to move.
     ///
     /// # Errors
@@ -146,6 +158,32 @@ impl Ling {
             true => Ok(state),
             false => Err(self.immovable(&state, TorqueOffEffect::NothingSent)),
         }
+    }
+
+    /// Asks the adapter on this port whether it refuses motion. Without one, without an answer, and while another program
+    /// has its control port, that is not known.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::MotionRefused`] while it does: the arm does not go to its last goal, which is forgotten.
+    pub fn check_refusal(&mut self) -> Result<(), Error> {
+        let stop = self.refusals.ask(&self.connection);
+        self.unless_refused(stop)
+    }
+
+    /// As [`check_refusal`](Self::check_refusal), once a second at most.
+    fn check_refusal_in_wait(&mut self) -> Result<(), Error> {
+        let stop = self.refusals.in_wait(&self.connection);
+        self.unless_refused(stop)
+    }
+
+    fn unless_refused(&mut self, stop: Option<StopInForce>) -> Result<(), Error> {
+        let Some(stop) = stop else {
+            return Ok(());
+        };
+        self.target = None;
+        let name = self.name().into();
+        Err(Error::MotionRefused { name, stop })
     }
 
     /// Checks that the arm is an Alicia-D. One that has shown it is not asked again.
@@ -188,12 +226,15 @@ impl Ling {
     ///
     /// # Errors
     ///
-    /// [`Error::TorqueOff`] and [`Error::Immovable`], and nothing is sent. The joints are read before the first move, and
-    /// before a move after a reading that forbade it: a stream of moves costs no readings.
+    /// [`Error::TorqueOff`], [`Error::Immovable`] and [`Error::MotionRefused`], and nothing is sent. The joints are read
+    /// before the first move, and before a move after a reading that forbade it. The adapter is asked as by
+    /// [`check_refusal`](Self::check_refusal), in a stream of moves once a second.
     pub fn move_to(&mut self, target: &Move) -> Result<(), Error> {
         if !self.may_move {
             self.require_torque()?;
         }
+        let stop = self.refusals.before_move(&self.connection);
+        self.unless_refused(stop)?;
         self.start(target)
     }
 
@@ -539,11 +580,12 @@ mod tests {
             may_move: false,
             last: None,
             is_own: false,
+            refusals: Refusals::default(),
             on_pose: None,
         }
     }
 
-    fn holding() -> Ling {
+    pub(super) fn holding() -> Ling {
         ling(Box::new(Holding(false)))
     }
 
@@ -583,6 +625,7 @@ mod tests {
                     may_move: false,
                     last: None,
                     is_own: false,
+                    refusals: Refusals::default(),
                     on_pose: None,
                 };
                 assert_eq!(arm.send(effect).is_err(), has_moved);

@@ -17,7 +17,7 @@ use armwire::ling::effect::EffectError;
 use armwire::ling::legacy::OlderGeneration;
 use armwire::ling::stop::Stopped;
 use armwire::ling::{Immovable, JointState, MotionStatus};
-use armwire_bridge::control::VERSION;
+use armwire_bridge::control::{StopInForce, VERSION};
 
 use crate::error::no_pose::NoPose;
 use crate::error::outside::Outside;
@@ -81,6 +81,8 @@ pub enum Error {
         reason: Immovable,
         effect: TorqueOffEffect,
     },
+    /// The adapter refuses motion, because of this stop.
+    MotionRefused { name: Outside, stop: StopInForce },
     /// A request was sent, but no reading shows its effect.
     NoEffect { name: Outside, cause: EffectError },
     /// The arm in motion did not answer for [`Ling::SILENCE`](crate::Ling::SILENCE), and was asked to stop.
@@ -206,6 +208,7 @@ impl Error {
                 at(name, &format!("the torque is off (status {status}), so {effect}")).remedy(Remedy::TorqueOn)
             }
             Self::Immovable { name, reason, effect } => at(name, &format!("{reason}, so {effect}")),
+            Self::MotionRefused { name, stop } => at(name, &stop.to_string()),
             Self::NoEffect { name, cause } => at(name, &cause.to_string()),
             Self::Unanswered { name, silence } => {
                 let seconds = SilenceLimit::STOP.least().as_micros() / 1_000_000;

@@ -2,7 +2,9 @@
 
 use armwire_bridge::Counters;
 use armwire_bridge::config::Config;
-use armwire_bridge::control::{Event, Histogram, Identity, Latencies, LineState, Reply, Request, Subscription};
+use armwire_bridge::control::{
+    Event, Histogram, Identity, Latencies, LineState, Reply, Request, StopInForce, Subscription,
+};
 use armwire_bridge::store::Saved;
 use serde_json::{Value, json};
 
@@ -70,6 +72,18 @@ impl Adapter {
             Ok(reply) => Err(self.unexpected(&reply)),
             Err(Error::Unsupported { .. }) => Ok(false),
             Err(error) => Err(error),
+        }
+    }
+
+    /// The stop for which the adapter refuses motion.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Unsupported`] from an adapter that is older than the question. Errors of the control port.
+    pub fn stop_in_force(&mut self) -> Result<Option<StopInForce>, Error> {
+        match self.call(Request::GetStop)? {
+            Reply::Stop(stop) => Ok(stop),
+            reply => Err(self.unexpected(&reply)),
         }
     }
 

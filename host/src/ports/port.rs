@@ -234,7 +234,12 @@ impl Port {
             }
         };
         let port = self.clone();
-        Ok(Connection { port, baud, bus })
+        Ok(Connection {
+            port,
+            baud,
+            bus,
+            control: None,
+        })
     }
 }
 
@@ -246,6 +251,8 @@ pub struct Connection {
     baud: Option<NonZeroU32>,
     /// The bus of a port on CAN.
     bus: Option<SharedBus>,
+    /// The adapter's control port, if it is not found by the arm's port.
+    control: Option<Port>,
 }
 
 impl fmt::Debug for Connection {
@@ -323,12 +330,21 @@ impl Connection {
         })
     }
 
+    /// The connection to an adapter whose control port is this one, such as a virtual board's.
+    #[must_use]
+    pub fn with_control(self, control: Option<Port>) -> Self {
+        Self { control, ..self }
+    }
+
     /// Opens the adapter's control port. On CAN it is on the bus of the arm.
     ///
     /// # Errors
     ///
     /// The port has no control port, or it cannot be opened. On CAN, [`Error::InUse`] while this connection has one.
     pub fn adapter(&self) -> Result<Adapter, Error> {
+        if let Some(control) = &self.control {
+            return control.open(Options::default())?.adapter();
+        }
         match &self.port {
             Port::Serial(port) => Ok(Adapter::on_line(Box::new(UsbLine::open(port)?))),
             Port::Control(port) => Ok(Adapter::on_line(Box::new(Serial::open(port, CONTROL_BAUD)?))),

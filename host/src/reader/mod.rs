@@ -206,6 +206,10 @@ impl<A: Readable> Reader<A> {
 
     /// Reads by the polls of an adapter.
     fn of_adapter(arm: &Shared<A>, mut polled: Polled, rate: Rate) -> Result<Self, Error> {
+        arm.call(|arm| {
+            arm.lend(polled.adapter());
+            Ok::<_, Error>(())
+        })?;
         Self::new(arm, rate).spawn(move |history, stop| polled.run::<A>(history, stop))
     }
 

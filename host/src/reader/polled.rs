@@ -10,6 +10,7 @@ use armwire_bridge::control::{Event, Stamp, Subscription};
 use super::history::History;
 use super::pose::Readable;
 use super::{End, Stamping};
+use crate::arm::shared::Shared;
 use crate::error::Error;
 use crate::ports::control::Adapter;
 use crate::time::rate::Rate;
@@ -23,7 +24,8 @@ const MAX_SILENT_WAITS: u32 = 10;
 
 /// A subscription to an adapter that polls at a rate or faster.
 pub(super) struct Polled {
-    adapter: Adapter,
+    /// Calls of the arm have their turn between two events.
+    adapter: Shared<Adapter>,
     rate: Rate,
     /// The adapter's own setting, if it was changed.
     changed: Option<Poll>,
@@ -38,8 +40,9 @@ impl Polled {
     ///
     /// Errors of the control port.
     pub(super) fn start<A: Readable>(adapter: Adapter, rate: Rate) -> Result<Option<Self>, Error> {
+        let name = adapter.name().to_owned();
         let mut polled = Self {
-            adapter,
+            adapter: Shared::new(&name, adapter),
             rate,
             changed: None,
             clock: Clock::default(),
@@ -48,11 +51,16 @@ impl Polled {
         Ok(polled.subscribe::<A>()?.then_some(polled))
     }
 
+    /// The adapter, for calls until the end of the polls.
+    pub(super) fn adapter(&self) -> Shared<Adapter> {
+        self.adapter.clone()
+    }
+
     /// Adds readings until the stop, or until no later one can succeed.
     pub(super) fn run<A: Readable>(&mut self, history: &History<A::Pose>, stop: &AtomicBool) {
         let mut silent_waits = 0;
         while !stop.load(Ordering::Relaxed) {
-            let event = self.adapter.next_event(EVENT_TIMEOUT);
+            let event = self.adapter.read(|adapter| adapter.next_event(EVENT_TIMEOUT));
             silent_waits = if let Ok(None) = event { silent_waits + 1 } else { 0 };
             let result = match event {
                 Ok(Some((stamp, Event::Frame { bytes, .. }))) => {
@@ -83,7 +91,7 @@ impl Polled {
 
     /// Makes the adapter poll and subscribes, also after its restart. Returns false if it has another kind of arm.
     fn subscribe<A: Readable>(&mut self) -> Result<bool, Error> {
-        let mut config = self.adapter.config()?;
+        let mut config = self.adapter.call(Adapter::config)?;
         if A::KIND != Some(config.arm) {
             return Ok(false);
         }
@@ -95,10 +103,11 @@ impl Polled {
         if is_slower {
             self.changed.get_or_insert(config.poll);
             config.poll = Poll::Hertz(self.rate.hertz());
-            self.adapter.set_config(config)?;
+            self.adapter.call(|adapter| adapter.set_config(config))?;
         }
         let (frames, events) = (true, false);
-        self.adapter.subscribe(Subscription { frames, events })?;
+        self.adapter
+            .call(|adapter| adapter.subscribe(Subscription { frames, events }))?;
         // The adapter may have been restarted: it counts from zero then.
         self.clock = Clock::default();
         self.gaps = Gaps::new(self.rate);
@@ -107,10 +116,10 @@ impl Polled {
 
     /// Restores the adapter's setting, unless another program has changed it.
     fn restore(&mut self, poll: Poll) -> Result<(), Error> {
-        let mut config = self.adapter.config()?;
+        let mut config = self.adapter.call(Adapter::config)?;
         if config.poll == Poll::Hertz(self.rate.hertz()) {
             config.poll = poll;
-            self.adapter.set_config(config)?;
+            self.adapter.call(|adapter| adapter.set_config(config))?;
         }
         Ok(())
     }
@@ -122,6 +131,8 @@ impl Drop for Polled {
             // An error has no recipient, and the setting ends with the adapter's next start.
             let _ = self.restore(poll);
         }
+        // Calls by the arm open its control port anew.
+        drop(self.adapter.take());
     }
 }
 

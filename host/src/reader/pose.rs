@@ -8,6 +8,7 @@ use armwire_bridge::config::ArmKind;
 
 use crate::arm::ling::Ling;
 use crate::arm::pose::{OnPose, Pose, XArmPose};
+use crate::arm::shared::Shared;
 use crate::arm::xarm::XArm;
 use crate::error::Error;
 use crate::ports::control::Adapter;
@@ -28,6 +29,9 @@ pub trait Readable: Send + 'static {
     ///
     /// Errors of the control port.
     fn adapter(&self) -> Result<Option<Adapter>, Error>;
+
+    /// Takes the adapter whose control port the reader has, for questions.
+    fn lend(&mut self, adapter: Shared<Adapter>);
 
     /// The kind of arm that an adapter polls for it.
     const KIND: Option<ArmKind>;
@@ -59,6 +63,10 @@ impl Readable for Ling {
         self.find_adapter()
     }
 
+    fn lend(&mut self, adapter: Shared<Adapter>) {
+        self.lend_adapter(adapter);
+    }
+
     fn pose(frame: &[u8]) -> Option<JointState> {
         LingProtocol.parse_response(frame, ()).ok()?.try_into().ok()
     }
@@ -84,6 +92,8 @@ impl Readable for XArm {
     fn adapter(&self) -> Result<Option<Adapter>, Error> {
         Ok(None)
     }
+
+    fn lend(&mut self, _: Shared<Adapter>) {}
 
     fn pose(_: &[u8]) -> Option<XArmPose> {
         None

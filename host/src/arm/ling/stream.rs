@@ -88,6 +88,16 @@ impl Stream {
         }
     }
 
+    /// Asks the adapter, as [`Ling::check_refusal`]. It takes a round trip or more: ask before the stream, and when the
+    /// joints do not follow.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::MotionRefused`].
+    pub fn check_refusal(&mut self) -> Result<(), Error> {
+        self.arm.check_refusal()
+    }
+
     /// Sends the request that has this effect: later readings show it. Torque-on leaves a motion as it is.
     ///
     /// # Errors

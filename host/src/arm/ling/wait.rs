@@ -114,20 +114,26 @@ impl Wait {
         let Some(state) = self.readings.read(arm)? else {
             return Ok(None);
         };
+        let name = arm.name().into();
         let not_reached = |limit, away| Error::NotReached {
-            name: arm.name().into(),
+            name,
             state,
             limit,
             away,
         };
         match self.arrival.on_joints(self.clock.now(), &state) {
             Arrived::AtTarget(_) | Arrived::GripperStandsStill(_) => Ok(Some(state)),
-            Arrived::Elsewhere(away) if self.is_led => Err(not_reached(None, Some(away))),
+            Arrived::Elsewhere(away) if self.is_led => {
+                // An adapter that refuses motion is the reason.
+                arm.check_refusal()?;
+                Err(not_reached(None, Some(away)))
+            }
             _ if self.clock.0.elapsed() >= self.limit => Err(not_reached(Some(self.limit), self.arrival.away(&state))),
             // An arm that was stopped meanwhile has another goal.
             Arrived::Resend if arm.target.as_ref() == Some(self.arrival.target()) => {
                 arm.start(self.arrival.target()).map(|()| None)
             }
+            Arrived::NotYet(_) | Arrived::Resend if self.is_led => arm.check_refusal_in_wait().map(|()| None),
             Arrived::NotYet(_) | Arrived::Resend | Arrived::Elsewhere(_) => Ok(None),
         }
     }
@@ -220,7 +226,8 @@ impl Ling {
     ///
     /// [`Error::NotReached`] as soon as the arm is at rest elsewhere, and at the first reading after `limit`: it may move on
     /// then. [`Error::Stopped`] after an interrupt. [`Error::TorqueOff`] if the torque is off, or goes off. [`Error::Unanswered`] if the arm falls silent, as in
-    /// [`MotionReadings::read`]: it was asked to stop.
+    /// [`MotionReadings::read`]: it was asked to stop. [`Error::MotionRefused`] as of
+    /// [`check_refusal`](Self::check_refusal): before the move, or within a second if the adapter is told to stop the arm.
     pub fn move_and_wait(
         &mut self,
         target: &Move,
