@@ -66,8 +66,8 @@ pub(crate) struct ArmPort {
     port: Port,
     #[command(flatten)]
     baud: Baud,
-    /// Control port of the adapter, which is asked whether it is in recovery. The default is that of the arm's port; a
-    /// virtual board needs control:PATH.
+    /// Control port of the adapter, which is asked whether it is in recovery, and whether it refuses motion. The default is
+    /// that of the arm's port; a virtual board needs control:PATH.
     #[arg(long, value_name = "PORT", value_parser = Port::of_control)]
     control: Option<Port>,
 }
@@ -84,7 +84,7 @@ impl ArmPort {
                 }
             }
         }
-        Ok(connection)
+        Ok(connection.with_control(self.control.clone()))
     }
 }
 

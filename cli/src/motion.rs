@@ -72,6 +72,8 @@ impl MoveArm {
                 let (gripper, _speed) = target.gripper;
                 arm.stop_if_interrupted(gripper, |arm| {
                     arm.move_to(&target)?;
+                    // A stop may have come just before it.
+                    arm.check_refusal()?;
                     let request = Request::Move(target);
                     print_line(format_args!("sent: {request}"))?;
                     print_line(format_args!("now: {}", arm.read_joints()?))

@@ -56,6 +56,7 @@ impl Call {
                 let called = command.request(&mut arm).and_then(|request| match request {
                     Request::Move(target) => {
                         let (gripper, _speed) = target.gripper;
+                        arm.check_refusal()?;
                         arm.stop_if_interrupted(gripper, |arm| call(arm.link(), &request, json))
                     }
                     _ => call(arm.link(), &request, json),

@@ -143,7 +143,9 @@ impl Replay {
             true => Some(arm.read_stroke()?),
             false => None,
         };
-        Ok((self.motion(recorded, stroke)?, arm.require_torque()?))
+        let (motion, state) = (self.motion(recorded, stroke)?, arm.require_torque()?);
+        arm.check_refusal()?;
+        Ok((motion, state))
     }
 }
 
@@ -160,7 +162,15 @@ fn play(
     loop {
         signals::check().map_err(Host::Interrupted)?;
         let now = clock.now();
-        match replay.poll(now).map_err(|failure| Error::at(stream.name(), failure))? {
+        let next = match replay.poll(now) {
+            Ok(next) => next,
+            Err(failure) => {
+                // An adapter that refuses motion is the reason.
+                stream.check_refusal()?;
+                return Err(Error::at(stream.name(), failure));
+            }
+        };
+        match next {
             Output::Move(target) => {
                 stream.move_to(&target)?;
                 stream.request_joints()?;

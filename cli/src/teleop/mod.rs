@@ -123,7 +123,11 @@ impl Teleop {
         let mut arm = open(&self.follower, self.baud.baud, Kind::Follower)?;
         arm.set_interrupt(signals::check);
         recorder.tap(Role::Follower, arm.link());
-        let state = prepare(&mut arm, recorder).and_then(|()| Ok(arm.require_torque()?));
+        let state = prepare(&mut arm, recorder).and_then(|()| {
+            let state = arm.require_torque()?;
+            arm.check_refusal()?;
+            Ok(state)
+        });
         match state {
             Ok(state) => Ok((arm, state)),
             Err(error) => Err(error.explained(|error| arm.explain(error))),
@@ -191,7 +195,13 @@ impl Session<'_> {
                     follower.move_to(&target)?;
                     self.sums.moved();
                 }
-                Ok(Output::Stop(pause)) => return Ok(pause),
+                Ok(Output::Stop(pause)) => {
+                    // An adapter that refuses motion is the reason.
+                    if let Err(refused) = follower.check_refusal() {
+                        self.status.beside(|| print_error(&refused));
+                    }
+                    return Ok(pause);
+                }
                 Ok(Output::Wait(until)) => {
                     self.show()?;
                     self.read(follower, until)?;

@@ -8,7 +8,7 @@ use armwire_sim::pty::Pty;
 use rustix::process::{Pid, Signal, kill_process};
 
 use crate::common::board::Board;
-use crate::common::{PROGRAM, failure, finish, run, start, success, usage};
+use crate::common::{PROGRAM, failure, finish, retry_while, retry_while_busy, run, start, success, usage};
 
 /// The factory configuration, as printed.
 const FACTORY: &str = "\
@@ -424,4 +424,66 @@ fn setting_without_save_does_not_end_recovery() {
     for action in [&["show"][..], &["set", "poll=7"]] {
         assert_eq!(warnings(&[&["config", &board.control], action].concat()), [&*warning]);
     }
+}
+
+/// A move to this angle of the first joint, by the port of the board's arm.
+fn move_to<'a>(board: &'a Board, joints: &'a str) -> Vec<&'a str> {
+    let target = ["--joints", joints, "--speed", "400", "--gripper", "50"];
+    [&["move", &board.port, "--control", &board.control][..], &target].concat()
+}
+
+#[test]
+fn refused_motion_is_not_reported_as_sent() {
+    let board = Board::start("refused-motion");
+    let still = success(&["call", "ling", &board.port, "read-joints"]);
+    let call = ["call", "ling", &board.port, "--control", &board.control, "move"];
+    let target = ["--joints", "30,0,0,0,0,0", "--speed", "400", "--gripper", "50"];
+    let moved = move_to(&board, "30,0,0,0,0,0");
+    for args in [
+        &moved[..],
+        &[&moved[..], &["--wait"]].concat(),
+        &[call, target].concat(),
+    ] {
+        success(&["stop", &board.control]);
+        let output = retry_while_busy(|| run(args));
+        let line = failure(&output);
+        let expected = format!("{}: motion is refused for ", board.port);
+        let seconds: f32 = line
+            .strip_prefix(&expected)
+            .unwrap()
+            .split(' ')
+            .next()
+            .unwrap()
+            .parse()
+            .unwrap();
+        assert!(
+            (0.1..=2.0).contains(&seconds) && line.ends_with(" s more: stopped by a host on USB"),
+            "{line}"
+        );
+        assert!(output.stdout.is_empty(), "{output:?}");
+    }
+    assert_eq!(success(&["call", "ling", &board.port, "read-joints"]), still);
+}
+
+#[test]
+fn motion_after_the_refusal_is_sent() {
+    let board = Board::start("later-motion");
+    success(&["stop", &board.control]);
+    let args = [&move_to(&board, "30,0,0,0,0,0")[..], &["--wait"]].concat();
+    let out = retry_while("motion is refused", || run(&args));
+    assert!(
+        String::from_utf8_lossy(&out.stdout).starts_with("target reached: "),
+        "{out:?}"
+    );
+}
+
+#[test]
+fn hold_that_a_stop_refuses_is_no_failure() {
+    let board = Board::start("refused-hold");
+    success(&["stop", &board.control]);
+    let out = success(&["stop", &board.port, "--gripper", "0"]);
+    assert!(
+        out.starts_with("stopped: ") && out.ends_with("status: locked\n"),
+        "{out}"
+    );
 }

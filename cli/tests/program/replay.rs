@@ -464,3 +464,41 @@ fn killed_replay_loses_the_torque_if_so_configured() {
         assert!(Instant::now() < deadline, "{}", polled(&board));
     }
 }
+
+#[test]
+fn replay_that_the_adapter_refuses_names_the_stop() {
+    let board = Board::start("replay-refused");
+    success(&["config", &board.control, "set", "poll=50"]);
+    let recording = far();
+    let args = ["replay", recording.path(), &board.port, "--control", &board.control];
+    success(&["stop", &board.control]);
+    // The test's own readings of the control port may come first.
+    let is_busy = |line: &str| [LATE, NO_ANSWER, "in use by"].iter().any(|error| line.contains(error));
+    // A warning about the gripper precedes the error of a replay that began.
+    let last_line = |output: Output| {
+        assert_eq!(output.status.code(), Some(1), "{output:?}");
+        String::from_utf8(output.stderr)
+            .unwrap()
+            .lines()
+            .last()
+            .unwrap()
+            .to_owned()
+    };
+    let begun = last_line(retry_while(NO_ANSWER, || run(&args)));
+    let refused = |line: &str| line.contains(": motion is refused for ") && line.contains("stopped by a host on USB");
+    assert!(refused(&begun) && !begun.contains("stopped: "), "{begun}");
+    // Later in the motion.
+    let deadline = Instant::now() + TIMEOUT;
+    loop {
+        let mut child = start(Command::new(PROGRAM).args(args));
+        while child.try_wait().unwrap().is_none() && polled(&board)["joint_1_deg"].as_f64() < Some(5.0) {}
+        success(&["stop", &board.control]);
+        let line = last_line(finish(child));
+        if is_busy(&line) || refused(&line) && !line.contains("stopped: ") {
+            assert!(Instant::now() < deadline, "{line}");
+            continue;
+        }
+        assert!(refused(&line), "{line}");
+        break;
+    }
+}

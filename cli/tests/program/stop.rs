@@ -2,9 +2,11 @@
 
 use std::time::Instant;
 
+use armwire::ling::arrival::Tolerances;
 use armwire::ling::stop::{Grip, Stopped};
 use armwire::ling::{GripperSpeed, JointState, Move, Opening, Position, Speed};
-use armwire_host::{Error, Ling};
+use armwire_bridge::control::Initiator;
+use armwire_host::{Error, Ling, Port};
 use armwire_sim::pty::Pty;
 use rustix::process::{Pid, Signal, kill_process};
 
@@ -273,6 +275,31 @@ fn adapter_stops_the_arm_while_its_port_is_in_use() {
         "{pose}"
     );
     assert_eq!(first_joint(&joints(&board.port)), first_joint(&pose), "it still moves");
+}
+
+#[test]
+fn stop_by_the_adapter_ends_a_wait_with_its_reason() {
+    let board = Board::start("stop-wait");
+    let control: Port = board.control.parse().unwrap();
+    let connection = armwire_host::open(&board.port).unwrap();
+    let mut arm = connection.with_control(Some(control)).ling().unwrap();
+    let start = read(&mut arm);
+    let (control, mut checks) = (board.control.clone(), 0);
+    // Each reading checks the interrupt.
+    arm.set_interrupt(move || {
+        checks += 1;
+        if checks == 100 {
+            armwire_host::open(&control)?.adapter()?.stop()?;
+        }
+        Ok(())
+    });
+    let error = arm.move_and_wait(&far_target(), Tolerances::MOVE, TIMEOUT).unwrap_err();
+    let is_stop = matches!(&error, Error::MotionRefused { stop, .. } if stop.by == Initiator::Usb && stop.left_ms > 0);
+    assert!(is_stop, "{error}");
+    let Stopped::AtRest { state, .. } = arm.stop(None).unwrap() else {
+        panic!("its torque is on");
+    };
+    assert!((start.joints[0] + 1..3_990).contains(&state.joints[0]), "{state}");
 }
 
 #[test]
