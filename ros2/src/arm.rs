@@ -7,7 +7,7 @@ use armwire::ling::effect::Effect;
 use armwire::ling::{JOINTS, JointState, Stroke};
 use armwire::time;
 use armwire_bridge::config::{ArmKind, MAX_POLL_HZ, Poll};
-use armwire_bridge::control::{self, Event, Initiator, Subscription};
+use armwire_bridge::control::{self, Event, StopInForce, Subscription};
 use armwire_host::stamps::{self, Clock};
 use armwire_host::stopwatch::Stopwatch;
 use armwire_host::{Adapter, Error, Options, SilenceLimit, Stream, adapter};
@@ -66,6 +66,8 @@ struct Session<'a, 'b> {
     motion: Motion,
     /// The adapter awaits the end of a stream of moves.
     is_streaming: bool,
+    /// The adapter has refused motion, and is not known to let it pass again.
+    is_stopped: bool,
     pending: Vec<Pending<RmwRequestId>>,
 }
 
@@ -119,6 +121,7 @@ impl<'a, 'b> Session<'a, 'b> {
             period,
             latest,
             is_streaming: false,
+            is_stopped: false,
             pending: Vec::new(),
         })
     }
@@ -179,17 +182,28 @@ impl<'a, 'b> Session<'a, 'b> {
         let is_stop = matches!(
             event,
             Event::Refused {
-                initiator: Initiator::Usb,
-                reason: control::Refusal::Stopped
+                reason: control::Refusal::Stopped,
+                ..
             }
         );
         // Later the setpoint would be far ahead of the arm.
         if is_stop {
-            self.motion.abort(&Abort::Stopped);
+            self.is_stopped = true;
+            let stop = self.stop_in_force();
+            self.motion.abort(&Abort::Stopped(stop));
         }
         let event = adapter::describe_event(event);
         self.clients.log(&format!("adapter event: {event}"));
         self.clients.diagnostics.adapter_event = Some(event);
+    }
+
+    /// The stop for which the adapter refuses motion. It is asked after it has refused some, and until it lets motion pass:
+    /// it reports only the first refusal of a host on USB.
+    fn stop_in_force(&mut self) -> Option<StopInForce> {
+        let adapter = self.source.adapter().filter(|_| self.is_stopped)?;
+        let stop = adapter.stop_in_force().ok().flatten();
+        self.is_stopped = stop.is_some();
+        stop
     }
 
     /// Publishes a reading with this stamp, which was made at `made`.
@@ -216,9 +230,11 @@ impl<'a, 'b> Session<'a, 'b> {
                 Asked::Play(order, reply) => {
                     // The readings may not show a torque-off yet.
                     let mut pending = self.pending.iter();
-                    let accepted = match pending.any(|pending| pending.effect().drops_arm()) {
-                        true => Err(Refusal::TorqueOff),
-                        false => self.motion.accept(self.clock.now(), stamps::now(), order),
+                    let drops_arm = pending.any(|pending| pending.effect().drops_arm());
+                    let accepted = match self.stop_in_force() {
+                        _ if drops_arm => Err(Refusal::TorqueOff),
+                        Some(stop) => Err(Refusal::Stopped(stop)),
+                        None => self.motion.accept(self.clock.now(), stamps::now(), order),
                     };
                     self.clients.answer(&reply, accepted);
                 }

@@ -180,6 +180,8 @@ impl Diagnostics {
 
 #[cfg(test)]
 mod tests {
+    use armwire_bridge::control::{Initiator, StopInForce};
+
     use super::*;
     use crate::motion::Abort;
 
@@ -212,16 +214,22 @@ mod tests {
             End::Finished,
             End::Replaced,
             End::Cancelled,
-            End::Aborted(Abort::Stopped),
+            End::Aborted(Abort::Stopped(Some(StopInForce {
+                by: Initiator::Usb,
+                left_ms: 1_200,
+            }))),
         ];
         let logged = ends.map(|end| diagnostics.end(now, &end));
+        let stopped = "stopped by a host on USB";
         assert_eq!(
             logged,
             [
                 None,
                 None,
                 None,
-                Some("trajectory aborted: the adapter stopped the arm".to_owned())
+                Some(format!(
+                    "trajectory aborted: the adapter stopped the arm, motion is refused for 1.2 s more: {stopped}"
+                ))
             ]
         );
         let message = diagnostics.to_message("arm", now);

@@ -7,6 +7,7 @@ use std::collections::VecDeque;
 
 use armwire::ling::{Immovable, Move};
 use armwire::time::{Duration, Instant};
+use armwire_bridge::control::StopInForce;
 use armwire_host::engine::{self, Engine, Fault};
 use armwire_host::trajectory::{Knot, Trajectory};
 use armwire_host::{AXES, Rate, trajectory as host};
@@ -58,8 +59,9 @@ pub(crate) enum Abort {
     TorqueLost,
     #[error(transparent)]
     Immovable(Immovable),
-    #[error("the adapter stopped the arm")]
-    Stopped,
+    /// Motion is refused, for a time if the adapter tells it.
+    #[error("the adapter stopped the arm{}", .0.map(|stop| format!(", {stop}")).unwrap_or_default())]
+    Stopped(Option<StopInForce>),
     #[error("the arm was lost: {0}")]
     ArmLost(String),
     #[error("the node ended")]

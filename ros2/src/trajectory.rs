@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use armwire::ling::Immovable;
+use armwire_bridge::control::StopInForce;
 
 use crate::messages::{JointTrajectory, JointTrajectoryPoint, Time};
 
@@ -118,6 +119,8 @@ pub(crate) enum Refusal {
     TorqueOff,
     #[error(transparent)]
     Immovable(Immovable),
+    #[error("{0}")]
+    Stopped(StopInForce),
     #[error("the arm does not answer")]
     NoArm,
 }

@@ -6,6 +6,7 @@ folder has the ports `arm` and `control` of an adapter's image on the virtual bo
 
 import math
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -967,7 +968,10 @@ def behind_adapter(participant, board):
     peer.wait_until_away(peer.positions())
     subprocess.run([armwire, "stop", bus], check=True, stdout=subprocess.DEVNULL)
     answer = follow.result(id)
-    assert accepted and answer.result.error_string == "the adapter stopped the arm", answer
+    reason = r"the adapter stopped the arm, motion is refused for [0-2]\.\d s more: stopped by a host on CAN"
+    assert accepted and re.fullmatch(reason, answer.result.error_string), answer
+    _, accepted = follow.goal([[1.0, 0, 0, 0, 0, 0]], seconds_each=4.0)
+    assert not accepted, "the adapter refuses motion"
     peer.expect_rest(settling=2.5)
     assert peer.value("motion_status") == "locked"
     passed("a stop by a host on CAN aborts a goal, and the arm holds")
