@@ -56,6 +56,7 @@ pub(crate) fn exception(error: Error) -> PyErr {
         Error::Refused { .. }
         | Error::TorqueOff { .. }
         | Error::Immovable { .. }
+        | Error::MotionRefused { .. }
         | Error::NoEffect { .. }
         | Error::Unsupported { .. } => RefusedError::new_err(text),
         Error::ErrorFrame { .. } => ErrorFrameError::new_err(text),

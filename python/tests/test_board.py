@@ -79,6 +79,48 @@ def test_adapter_stops_an_arm_that_a_program_moves(board: Path) -> None:
         assert adapter.read_counters()["refused_stopped"] > refused
 
 
+REFUSED = r"motion is refused for [0-2]\.\d s more: stopped by a host on USB"
+
+
+def move_once_permitted(arm: armwire.Ling, joints: list[float]) -> None:
+    """Start a slow move, after the end of a refusal."""
+    while True:
+        try:
+            return arm.move_deg(joints, gripper_permille=0, speed_deg_s=5)
+        except errors.RefusedError:
+            time.sleep(0.1)
+
+
+def test_refused_motion_names_the_stop(board: Path) -> None:
+    with armwire.Adapter(f"control:{board / 'control'}") as adapter, armwire.Ling(f"slcan:{board / 'bus'}") as arm:
+        arm.set_torque(True)
+        begun = arm.read_joints()
+        adapter.stop()
+        with pytest.raises(errors.RefusedError, match=REFUSED):
+            arm.move_deg([170] * 6, gripper_permille=0, speed_deg_s=200)
+        assert arm.read_joints().ticks == begun.ticks
+        move_once_permitted(arm, [170.0] * 6)
+        adapter.stop()
+        with pytest.raises(errors.RefusedError, match=REFUSED):
+            arm.wait_until_at_deg([170] * 6)
+        # The hold is refused, too, and the arm rests.
+        assert arm.stop().is_holding is True
+
+
+def test_refused_motion_names_the_stop_by_asyncio(board: Path) -> None:
+    async def run() -> None:
+        async with (
+            await aio.Adapter.open(f"control:{board / 'control'}") as adapter,
+            await aio.Ling.open(f"slcan:{board / 'bus'}") as arm,
+        ):
+            await arm.set_torque(True)
+            await adapter.stop()
+            with pytest.raises(errors.RefusedError, match=REFUSED):
+                await arm.move_deg([170] * 6, gripper_permille=0, speed_deg_s=200)
+
+    asyncio.run(run())
+
+
 def test_adapter_without_a_stop_for_its_arm_says_so(board: Path) -> None:
     with armwire.Adapter(f"control:{board / 'control'}") as adapter:
         adapter.set_config({"arm": "raw"})

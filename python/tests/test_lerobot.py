@@ -73,6 +73,16 @@ def test_only_an_alicia_d_of_known_status_acts(kind: type[ScriptedArm], reason: 
             robot.disconnect()
 
 
+def test_action_that_the_adapter_refuses_names_the_stop(board: Path, tmp_path: Path) -> None:
+    robot = follower(f"slcan:{board / 'bus'}", tmp_path, action_timeout_s=0)
+    robot.connect()
+    with armwire.Adapter(f"control:{board / 'control'}") as adapter:
+        adapter.stop()
+        with pytest.raises(errors.DeviceNotConnectedError, match="motion is refused for .* stopped by a host on USB"):
+            robot.send_action(POSE)
+    robot.disconnect()
+
+
 def test_another_robot_leads_no_follower(tmp_path: Path) -> None:
     with Bessica(lambda _: 2048) as virtual:
         teleoperator = leader(virtual.port, tmp_path)

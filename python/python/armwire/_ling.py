@@ -273,8 +273,9 @@ class Ling(Open):
 
         Raises:
             ValueError: A value is out of range; nothing is sent.
-            RefusedError: The torque is off, no document explains the status, or it is another robot than an
-                Alicia-D; the move is not sent.
+            RefusedError: The torque is off, no document explains the status, it is another robot than an Alicia-D, or
+                the adapter refuses motion after a stop; the move is not sent. The adapter is asked unless a program has
+                its control port, in a stream of moves once a second.
         """
         ticks = position_ticks(joints, DEG_PER_TICK, "degrees")
         speeds = speed_ticks(speed_deg_s, DEG_PER_TICK, "degrees/s")
@@ -342,7 +343,7 @@ class Ling(Open):
 
         Raises:
             ValueError: An angle, the tolerance or the time-out is out of range; nothing is read.
-            RefusedError: The torque went off after a move of this object.
+            RefusedError: After a move of this object the torque went off, or the adapter stopped the arm.
             NotReachedError: The arm did not arrive in time, or is at rest elsewhere after a move of this object there;
                 the message names the joints. It is a `TimeoutError`, too. The arm may still move after the time-out.
             AbsentError: The arm that this object has moved did not answer for 2 s. It was stopped then.
