@@ -71,7 +71,6 @@ fn run(Args { image, board, options }: Args) -> Result<(), Box<dyn Error>> {
         plant,
         ..ArmConfig::follower()
     });
-    writeln!(stdout(), "A virtual Ling follower arm, plant {plant}.")?;
     let board = VirtualBoard::start(Config {
         gdb: options.gdb,
         ..Config::new(image, arm).on(board)
@@ -85,6 +84,9 @@ fn run(Args { image, board, options }: Args) -> Result<(), Box<dyn Error>> {
             };
             Ok(serve(board, places)?)
         }
-        None => tour::run(board),
+        None => {
+            writeln!(stdout(), "A virtual Ling follower arm, plant {plant}.")?;
+            tour::run(board)
+        }
     }
 }
