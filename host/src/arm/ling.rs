@@ -1,6 +1,5 @@
 //! A Ling arm: its requests, and what a motion depends on.
 
-mod refusals;
 mod stream;
 mod wait;
 
@@ -17,6 +16,7 @@ use armwire_bridge::control::StopInForce;
 
 use crate::arm::legacy;
 use crate::arm::pose::OnPose;
+use crate::arm::refusals::Refusals;
 use crate::arm::shared::Shared;
 use crate::arm::stop;
 use crate::error::text::Text;
@@ -26,7 +26,6 @@ use crate::ports::link::{Interrupt, LineErrors, Link};
 use crate::ports::port::Connection;
 use crate::time::silence::SilenceLimit;
 
-use refusals::Refusals;
 pub use stream::Stream;
 pub use wait::{MotionReadings, Switching, Wait};
 
@@ -512,10 +511,13 @@ mod tests {
 
     use armwire::ling::{Ling as Protocol, MotionStatus, Response};
     use armwire::messages::Messages;
+    use armwire_bridge::control::{self, FromAdapter, FromHost, Initiator, Reply, StopInForce};
 
     use super::*;
+    use crate::arm::shared::Shared;
     use crate::describe::Arm;
     use crate::error::text::Text;
+    use crate::ports::control::{Adapter, Received, Transport};
     use crate::ports::line::{Line, Names, Reception};
 
     /// A line that fails once it has taken this number of writes.
@@ -585,7 +587,7 @@ mod tests {
         }
     }
 
-    pub(super) fn holding() -> Ling {
+    fn holding() -> Ling {
         ling(Box::new(Holding(false)))
     }
 
@@ -632,5 +634,55 @@ mod tests {
                 assert_eq!(arm.has_moved(), has_moved);
             }
         }
+    }
+
+    /// An adapter that was told to stop the arm.
+    #[derive(Default)]
+    struct Stopped(Option<FromAdapter>);
+
+    impl Transport for Stopped {
+        fn name(&self) -> &str {
+            "control"
+        }
+
+        fn send(&mut self, message: &FromHost) -> Result<(), Error> {
+            let reply = match message.request {
+                control::Request::GetStop => Reply::Stop(Some(StopInForce {
+                    by: Initiator::Can,
+                    left_ms: 1_200,
+                })),
+                _ => Reply::Done,
+            };
+            let sequence = message.sequence;
+            self.0 = Some(FromAdapter::Reply { sequence, reply });
+            Ok(())
+        }
+
+        fn receive(&mut self, _: Duration) -> Result<Option<Received>, Error> {
+            Ok(self.0.take().map(Ok))
+        }
+
+        fn hint(&self) -> String {
+            String::new()
+        }
+    }
+
+    #[test]
+    fn adapter_of_a_reader_is_asked_until_the_reader_ends() {
+        let mut arm = holding();
+        arm.check_refusal().expect("its port has no adapter");
+        let adapter = Shared::new("control", Adapter::new(Box::new(Stopped::default())));
+        arm.lend_adapter(adapter.clone());
+        let text = "fake: motion is refused for 1.2 s more: stopped by a host on CAN";
+        assert_eq!(arm.check_refusal().unwrap_err().to_string(), text);
+        let hold = Move {
+            joints: [(Position::CENTRE, Speed::SLOWEST); JOINTS],
+            gripper: (Opening::OPEN, GripperSpeed(1_000)),
+        };
+        assert_eq!(arm.move_to(&hold).unwrap_err().to_string(), text);
+        assert!(!arm.has_moved(), "it was sent");
+        drop(adapter.take());
+        arm.move_to(&hold).expect("nobody refuses it");
+        assert!(arm.has_moved());
     }
 }

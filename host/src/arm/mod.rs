@@ -4,6 +4,7 @@ pub(crate) mod alpha1;
 mod legacy;
 pub(crate) mod ling;
 pub(crate) mod pose;
+mod refusals;
 pub(crate) mod shared;
 mod stop;
 pub(crate) mod xarm;
