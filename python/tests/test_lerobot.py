@@ -78,7 +78,7 @@ def test_action_that_the_adapter_refuses_names_the_stop(board: Path, tmp_path: P
     robot.connect()
     with armwire.Adapter(f"control:{board / 'control'}") as adapter:
         adapter.stop()
-        with pytest.raises(errors.DeviceNotConnectedError, match="motion is refused for .* stopped by a host on USB"):
+        with pytest.raises(errors.DeviceNotConnectedError, match=r"motion is refused for .* stopped by a host on USB"):
             robot.send_action(POSE)
     robot.disconnect()
 

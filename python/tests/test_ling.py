@@ -14,6 +14,7 @@ from scripted import TORQUE_ON, ZERO, Row, RowArm, rows, verdict_of
 
 import armwire
 from armwire import MotionStatus, aio, sim
+from armwire.errors import NotReachedError
 
 TARGET = [10.0, -20.0, 30.0, 0.0, 45.0, -90.0]
 # Half a tick in degrees: the largest rounding error of a position.
@@ -236,14 +237,17 @@ def test_wait_refuses_an_unusable_timeout(arm: armwire.Ling, virtual: sim.Virtua
     assert virtual.requests() == 0
 
 
-def test_arm_is_at_a_target_within_three_ticks(arm: armwire.Ling, virtual: sim.VirtualLing) -> None:
+def test_arm_at_rest_is_at_a_target_within_the_tolerance(arm: armwire.Ling, virtual: sim.VirtualLing) -> None:
     arm.set_torque(False)
-    for ticks in (2045, 2051):
+    for ticks in (2048 - 65, 2048 + 65):
         virtual.push_joints_deg([(ticks - 2048) * 45 / 512] * 6)
-        assert arm.wait_until_at_deg([0] * 6, timeout_s=0).ticks == (ticks,) * 6
-    virtual.push_joints_deg([0, 0, 0, 0, 0, 4 * 45 / 512])
-    with pytest.raises(TimeoutError, match=r"joint 6 is 0.35° off"):
-        arm.wait_until_at_deg([0] * 6, timeout_s=0)
+        assert arm.wait_until_at_deg([0] * 6).ticks == (ticks,) * 6
+    virtual.push_joints_deg([0, 0, 0, 0, 0, 66 * 45 / 512])
+    with pytest.raises(NotReachedError, match=r"joint 6 is 5.80° off"):
+        arm.wait_until_at_deg([0] * 6, timeout_s=0.5)
+    assert arm.wait_until_at_deg([0] * 6, within_deg=6).ticks[5] == 2048 + 66
+    with pytest.raises(ValueError, match=r"the tolerance is 0 degrees, must be 0.0878906 to 360"):
+        arm.wait_until_at_deg([0] * 6, within_deg=0)
 
 
 @pytest.mark.parametrize("row", rows(), ids=str)

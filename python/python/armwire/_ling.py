@@ -324,9 +324,7 @@ class Ling(Open):
             _warn_of_grip(self.port, stacklevel=3)
         return joint_state(counts, extra)
 
-    def wait_until_at_deg(
-        self, joints: ArrayLike, *, within_deg: float = 5.7, timeout_s: float = 30.0
-    ) -> JointState:
+    def wait_until_at_deg(self, joints: ArrayLike, *, within_deg: float = 5.7, timeout_s: float = 30.0) -> JointState:
         """Read until the arm is at rest with every joint at these angles.
 
         A joint does not stop exactly at its target: a servo holds a load by its error. A move of this object that is
@@ -351,9 +349,7 @@ class Ling(Open):
         """
         return self._wait(lambda: self._begin_wait_deg(joints, within_deg, timeout_s))
 
-    def wait_until_at_rad(
-        self, joints: ArrayLike, *, within_rad: float = 0.1, timeout_s: float = 30.0
-    ) -> JointState:
+    def wait_until_at_rad(self, joints: ArrayLike, *, within_rad: float = 0.1, timeout_s: float = 30.0) -> JointState:
         """Read until the arm is at rest with every joint at these angles in radians. See `wait_until_at_deg`."""
         return self._wait(lambda: self._begin_wait_rad(joints, within_rad, timeout_s))
 
