@@ -124,8 +124,8 @@ fn counters_of_version_4_lack_the_last_three() {
 }
 
 #[test]
-fn unknown_counters_of_version_7_are_skipped() {
-    let text = printed(run_with(&["counters", "control:PORT"], replies(7, 61, &[])));
+fn unknown_counters_of_version_8_are_skipped() {
+    let text = printed(run_with(&["counters", "control:PORT"], replies(8, 61, &[])));
     assert_eq!(value(&text, "recovery_starts "), Some("1"), "{text}");
     assert_eq!(
         text,
@@ -140,31 +140,31 @@ fn adapter_of_any_version_is_described() {
         "configured       arm ling, poll off, silence after 500 ms",
         "can              node 0, 1000000 bit/s, telemetry off, commands off",
     ];
-    for version in 3..=7 {
-        // Version 7 has more at the end of each message.
-        let added: &[u8] = if version == 7 { &[1, 2, 3] } else { &[] };
+    for version in 3..=8 {
+        // Version 8 has more at the end of each message.
+        let added: &[u8] = if version == 8 { &[1, 2, 3] } else { &[] };
         let text = printed(run_with(&["info", "control:PORT"], replies(version, 60, added)));
         assert_eq!(text.lines().collect::<Vec<_>>(), expected, "version {version}");
     }
 }
 
 #[test]
-fn error_names_version_7_of_an_adapter() {
-    let output = run_with(&["reserve", "control:PORT"], replies(7, 61, &[]));
+fn error_names_version_8_of_an_adapter() {
+    let output = run_with(&["reserve", "control:PORT"], replies(8, 61, &[]));
     let line = failure(&output);
     assert!(
         line.ends_with(
-            "the adapter does not support this request: its control protocol is version 7, this program's is 6"
+            "the adapter does not support this request: its control protocol is version 8, this program's is 7"
         ),
         "{line}"
     );
 }
 
 #[test]
-fn unknown_reply_of_version_7_is_reported() {
+fn unknown_reply_of_version_8_is_reported() {
     let output = run_with(&["counters", "control:PORT"], |request| match request {
         GET_LATENCIES => vec![12, 1],
-        _ => replies(7, 61, &[])(request),
+        _ => replies(8, 61, &[])(request),
     });
     let line = failure(&output);
     assert!(
@@ -196,7 +196,7 @@ fn host_of_version_3_is_served() {
     let done = reply(&[0]);
     let reserved = [&LINE[..11], &[2, 0]].concat();
 
-    assert_eq!(call(&[7, IDENTIFY]), reply(&identity(6)));
+    assert_eq!(call(&[7, IDENTIFY]), reply(&identity(7)));
     assert_eq!(call(&[7, GET_CONFIG]), reply(&CONFIG));
     assert_eq!(call(&[7, SUBSCRIBE, 0, 1]), done);
     assert_eq!(call(&[7, END_STREAM]), done);
@@ -209,5 +209,5 @@ fn host_of_version_3_is_served() {
     assert_eq!((&counters[..3], counters.len()), (&[0, 7, 6][..], 3 + 60));
     assert_eq!(counters[3 + 45], 9);
     // A request of a later version.
-    assert_eq!(call(&[7, 18, 1]), reply(&[1, 6]));
+    assert_eq!(call(&[7, 18, 1]), reply(&[1, 7]));
 }
