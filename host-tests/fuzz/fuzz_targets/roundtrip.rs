@@ -11,9 +11,10 @@ use armwire::framing::{Framing, Scan};
 use armwire::ling::arrival::{Arrival, Arrived, Tolerances};
 use armwire::ling::effect::{Effect, EffectError, Output, ReadBack, Verdict};
 use armwire::ling::legacy::{self, Legacy};
+use armwire::ling::stop::{self, StopError, Stopped};
 use armwire::ling::{
     self, GripperSpeed, JointState, Kind, Ling, MotionStatus, Move, Opening, PerServo, Position, Request, SelfCheck,
-    SerialNumber, Speed, Stroke, TemperatureLimit, Torque, Version,
+    SerialNumber, Speed, Stop, Stroke, TemperatureLimit, Torque, Version,
 };
 use armwire::time::Instant;
 use armwire::xarm::{self, Raw, RotationRadius, SerialsText, State, VersionText, XArm};
@@ -406,6 +407,8 @@ fn adapter_values(u: &mut Unstructured<'_>) -> Result<()> {
         }
     }
     arrivals(&state);
+    stops(&state);
+    foreigners(&state);
     assert_eq!(
         state.positions().is_ok(),
         state.joints.iter().all(|&ticks| ticks < 4096)
@@ -462,6 +465,50 @@ fn read_backs(state: &JointState) {
                 assert!(!error.to_string().is_empty());
             }
         }
+    }
+}
+
+/// A stop of an arm that stands ends there, whatever is known of its goal.
+fn stops(state: &JointState) {
+    let mut stops = vec![Stop::new(None)];
+    if let (Ok(positions), Ok(opening)) = (state.positions(), state.opening()) {
+        let here = Move {
+            joints: positions.map(|position| (position, Speed::MAX)),
+            gripper: (opening, GripperSpeed(1000)),
+        };
+        stops.extend([Stop::after(&here), Stop::at(here)]);
+    }
+    for mut stop in stops {
+        let mut now = Instant::ZERO;
+        let stopped = loop {
+            match stop.poll(now) {
+                stop::Output::Request(Request::ReadJoints) => stop.on_joints(now, state),
+                stop::Output::Request(_) => {}
+                stop::Output::Wait(until) => now = until,
+                stop::Output::Done(result) => break result,
+            }
+        };
+        match stopped {
+            Ok(Stopped::AtRest { deviations, .. }) => assert!(deviations.are_small()),
+            Ok(Stopped::WithoutTorque(_)) => assert!(state.status.is_torque_off()),
+            Err(error) => assert!(matches!(error, StopError::Position(_)) && state.positions().is_err()),
+        }
+    }
+}
+
+/// An answer of another length than an Alicia-D's has no pose.
+fn foreigners(state: &JointState) {
+    for data_bytes in [0, 14, 15, 16, 17, 33, 255] {
+        let status = MotionStatus::of_answer(state.status.into(), data_bytes);
+        let refusal = status.check_motion().map_err(|reason| reason.to_string());
+        if (15..=16).contains(&data_bytes) {
+            assert_eq!(u8::from(status), u8::from(state.status));
+            continue;
+        }
+        let state = JointState { status, ..*state };
+        assert!(refusal.unwrap_err().contains("not an Alicia-D"));
+        assert!(state.positions().is_err() && state.opening().is_err());
+        assert!(status.is_holding().is_none() && status.to_string().contains("data bytes"));
     }
 }
 
