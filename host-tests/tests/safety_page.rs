@@ -4,7 +4,7 @@ use std::fs;
 use std::path::Path;
 
 /// The files of these tests.
-const TESTS: [&str; 46] = [
+const TESTS: [&str; 48] = [
     "bridge/src/tests/control.rs",
     "bridge/src/tests/delayed.rs",
     "bridge/src/tests/line_rate.rs",
@@ -13,6 +13,7 @@ const TESTS: [&str; 46] = [
     "bridge/src/tests/safety.rs",
     "bridge/src/tests/share.rs",
     "bridge/src/tests/stop.rs",
+    "cli/tests/program/adapter.rs",
     "cli/tests/program/foreign.rs",
     "cli/tests/program/replay.rs",
     "cli/tests/program/signals.rs",
@@ -31,6 +32,7 @@ const TESTS: [&str; 46] = [
     "host/src/ports/link/calls.rs",
     "host/src/motion/replay/motion.rs",
     "host/src/motion/trajectory.rs",
+    "host/src/arm/ling.rs",
     "host/src/arm/ling/wait.rs",
     "host/src/arm/stop.rs",
     "host/tests/ling.rs",
