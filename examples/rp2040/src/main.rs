@@ -14,8 +14,9 @@ use core::panic::PanicInfo;
 
 use armwire::Config;
 use armwire::driver::{CallError, Clock};
+use armwire::ling::arrival::{Arrived, Tolerances};
 use armwire::ling::{Arm, GripperSpeed, JointState, Move, Opening, Position, Speed, Torque};
-use armwire::time::Instant;
+use armwire::time::{Duration, Instant};
 use embassy_executor::Spawner;
 use embassy_rp::bind_interrupts;
 use embassy_rp::pac::PADS_BANK0;
