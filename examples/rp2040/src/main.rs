@@ -14,9 +14,9 @@ use core::panic::PanicInfo;
 
 use armwire::Config;
 use armwire::driver::{CallError, Clock};
-use armwire::ling::arrival::{Arrived, Tolerances};
+use armwire::ling::arrival::{Arrival, Arrived, Tolerances};
 use armwire::ling::{Arm, GripperSpeed, JointState, Move, Opening, Position, Speed, Torque};
-use armwire::time::{Duration, Instant};
+use armwire::time::Instant;
 use embassy_executor::Spawner;
 use embassy_rp::bind_interrupts;
 use embassy_rp::pac::PADS_BANK0;
@@ -108,16 +108,30 @@ async fn turn_wrist_and_grip(arm: &mut LingArm, log: &mut Log) -> Result<(), Err
     move_to(arm, log, goal).await
 }
 
-/// Moves, and waits for the arrival, 10 s at most. A gripper that holds something does not close.
+/// Moves, and logs positions until the arm is at rest at the goal, 10 s at most: a gripper that holds something does not
+/// close.
 async fn move_to(arm: &mut LingArm, log: &mut Log, goal: Move) -> Result<(), Error> {
+    arm.move_to(goal).await?;
     log.line(format_args!("moving"));
-    let limit = Duration::from_millis(10_000);
-    match arm.move_and_wait(goal, Tolerances::MOVE, limit).await? {
-        Arrived::AtTarget(_) => log.line(format_args!("arrived")),
-        Arrived::GripperStandsStill(away) => log.line(format_args!("arrived, but {away}")),
-        Arrived::Elsewhere(away) => log.line(format_args!("not arrived: {away}")),
-        Arrived::NotYet(_) | Arrived::Resend => log.line(format_args!("not arrived after 10 s")),
+    let mut arrival = Arrival::new(goal, Tolerances::MOVE);
+    for _ in 0..500 {
+        let state = arm.read_joints().await?;
+        show(log, &state);
+        match arrival.on_joints(EmbassyClock.now(), &state) {
+            Arrived::NotYet(_) => {}
+            Arrived::Resend => arm.move_to(goal).await?,
+            Arrived::AtTarget(_) | Arrived::GripperStandsStill(_) => {
+                log.line(format_args!("arrived"));
+                return Ok(());
+            }
+            Arrived::Elsewhere(away) => {
+                log.line(format_args!("not arrived: {away}"));
+                return Ok(());
+            }
+        }
+        Timer::after_millis(20).await;
     }
+    log.line(format_args!("not arrived after 10 s"));
     Ok(())
 }
 
