@@ -628,7 +628,7 @@ fn telemetry_is_sent_at_rate_never_twice() {
 
 #[test]
 fn another_robot_has_no_telemetry() {
-    let bessica = include_bytes!("../../../protocol/tests/bessica.bin");
+    let bessica = include_bytes!("bessica.bin");
     let mut rig = telemetry(100, Poll::Hertz(1_000));
     rig.responder = Box::new(|_| Some((400, bessica.to_vec())));
     rig.run(1_000_000);

@@ -35,7 +35,7 @@ type Pose = [u16; JOINTS + 1];
 const POSE: Pose = [2000, 2001, 2002, 2003, 2004, 2005, 310];
 
 /// The answer of the vendor's two-armed robot to a reading of the joints.
-const BESSICA: &[u8] = include_bytes!("../../../protocol/tests/bessica.bin");
+const BESSICA: &[u8] = include_bytes!("bessica.bin");
 
 /// The answer to a reading of the joints.
 fn reading(pose: Pose, status: u8) -> Vec<u8> {

@@ -11,7 +11,7 @@ use armwire::{Device, DeviceEvent};
 use crate::common::{Arm, NO_ANSWER, failure, retry_while, run_against, success};
 
 /// The answer of the vendor's two-armed robot to a request for joints.
-const BESSICA: &[u8] = include_bytes!("../../../protocol/tests/bessica.bin");
+const BESSICA: &[u8] = include_bytes!("../bessica.bin");
 const NAME: &str = "not an Alicia-D but a Bessica-D";
 const REFUSED: &str = "the arm is not an Alicia-D but a Bessica-D (33 data bytes), so nothing was sent";
 const MOVE: &[&str] = &[
