@@ -49,9 +49,8 @@ impl Line {
             guard,
         };
         let burst = outbox.next_burst(view, out, now)?;
-        if burst.changes_arm() {
-            guard.stop.on_change(*kind, out.get(..burst.len).unwrap_or_default());
-        }
+        let sent = out.get(..burst.len).unwrap_or_default();
+        guard.stop.on_request(*kind, burst.info, sent);
         Some(burst)
     }
 
@@ -108,9 +107,7 @@ impl Line {
             rest = rest.saturating_sub(taken);
             while let Some(request) = outbox.next_host_request(*kind, is_at_arms_rate, journal) {
                 let is_motion = request.is_motion();
-                if request.changes_arm() {
-                    guard.stop.on_change(*kind, request.bytes);
-                }
+                guard.stop.on_request(*kind, request.info, request.bytes);
                 guard.host_requested(is_motion, kind.is_torque_on(request.bytes), now);
                 let behind = byte_time.times(rest.saturating_add(request.behind));
                 wire.track(Initiator::Usb, request.info, end - behind, byte_time, journal);

@@ -1,5 +1,6 @@
 //! The state of a stop: its steps, and the time without motion.
 
+use armwire::correlation::Effect;
 use armwire::ling::{
     self, Ling, Move, Response, Torque,
     stop::{Output, StopError},
@@ -7,7 +8,7 @@ use armwire::ling::{
 use armwire::messages::Messages;
 use armwire::time::{Duration, Instant};
 
-use crate::arm::OwnRequest;
+use crate::arm::{Info, OwnRequest};
 use crate::config::ArmKind;
 use crate::control::{Failure, FrameBytes, Initiator, STOP_MS, StopInForce};
 
@@ -257,9 +258,10 @@ impl Stop {
         Some(self.due.map_or(until, |due| due.min(until)))
     }
 
-    /// A request that changes the arm goes to it.
-    pub(in crate::line) fn on_change(&mut self, kind: ArmKind, request: &[u8]) {
-        if kind != ArmKind::Ling {
+    /// A request goes to the arm. Bytes without information are none, or those of the host on USB, which are decoded
+    /// later.
+    pub(in crate::line) fn on_request(&mut self, kind: ArmKind, info: Option<Info>, request: &[u8]) {
+        if kind != ArmKind::Ling || info.is_none_or(|info| info.effect == Effect::Read) {
             return;
         }
         self.last = match Ling.parse_request(request) {

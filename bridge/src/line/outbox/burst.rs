@@ -1,6 +1,5 @@
 //! A burst: the bytes that are handed to the UART at once.
 
-use armwire::correlation::Effect;
 use armwire::time::Instant;
 
 use crate::arm::Info;
@@ -60,11 +59,6 @@ impl Burst {
             since: None,
             kind,
         }
-    }
-
-    /// Returns true for a request that changes the arm, other than of the host on USB.
-    pub(crate) fn changes_arm(&self) -> bool {
-        self.info.is_some_and(|info| info.effect != Effect::Read)
     }
 
     /// The start of the first byte, if the UART was ready at `now`.

@@ -26,10 +26,6 @@ impl HostRequest<'_> {
     pub(crate) fn is_motion(&self) -> bool {
         self.info.is_some_and(|info| info.effect == Effect::Motion)
     }
-
-    pub(crate) fn changes_arm(&self) -> bool {
-        self.info.is_some_and(|info| info.effect != Effect::Read)
-    }
 }
 
 impl Outbox {
