@@ -121,8 +121,7 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
                     Arrived::NotYet(_) => {}
                     arrived => return Ok(arrived),
                 },
-                Err(CallError::TimedOut { .. } | CallError::ErrorFrame(_) | CallError::Unacceptable(_))
-                    if now < end => {}
+                Err(error) if may_pass(&error) && now < end => {}
                 Err(error) => return Err(error),
             }
             self.driver.wait_until(now + PERIOD).await;
@@ -139,7 +138,7 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
             match stop.poll(self.driver.now()) {
                 Output::Request(Request::ReadJoints) => match self.read_joints().await {
                     Ok(state) => stop.on_joints(self.driver.now(), &state),
-                    Err(CallError::TimedOut { .. } | CallError::ErrorFrame(_) | CallError::Unacceptable(_)) => {}
+                    Err(error) if may_pass(&error) => {}
                     Err(error) => return Err(error),
                 },
                 Output::Request(request) => self.driver.send(&request).await?,
@@ -186,6 +185,14 @@ impl<Port, C> fmt::Debug for Arm<Port, C> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("Arm").field("driver", &self.driver).finish()
     }
+}
+
+/// Returns true if the next reading may succeed: an answer was lost or unsound.
+fn may_pass<E>(error: &CallError<E>) -> bool {
+    matches!(
+        error,
+        CallError::TimedOut { .. } | CallError::ErrorFrame(_) | CallError::Unacceptable(_)
+    )
 }
 
 /// The value of an answer.
