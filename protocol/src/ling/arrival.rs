@@ -99,11 +99,6 @@ pub struct Arrival {
 impl Tolerances {
     /// Those of a move, as in the vendor's software: 0.1 rad (5.7°) a joint, and 0.5 % of the gripper's stroke.
     pub const MOVE: Self = Self::within(Self::JOINT);
-    /// Those of a move, for the joints alone.
-    pub const JOINTS: Self = Self {
-        gripper: None,
-        ..Self::MOVE
-    };
     /// That of a joint in a [move](Self::MOVE), in ticks.
     pub const JOINT: u16 = 65;
     /// That of the gripper in a [move](Self::MOVE), in thousandths of the stroke.
@@ -335,7 +330,11 @@ mod tests {
             off.to_string(),
             "joint 2 is 5.80° off, joint 6 is 90.00° off, gripper is 0.6 % off"
         );
-        assert_eq!(target().away(&state([2048; 6], 0), &Tolerances::JOINTS), None);
+        let joints = Tolerances {
+            gripper: None,
+            ..Tolerances::MOVE
+        };
+        assert_eq!(target().away(&state([2048; 6], 0), &joints), None);
     }
 
     #[test]
