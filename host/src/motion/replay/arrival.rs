@@ -1,17 +1,11 @@
 //! The end of a replay: the arm at rest at the last pose.
 
-use armwire::ling::JOINTS;
-use armwire::ling::Rest as StandStill;
-use armwire::time::{Duration, Instant};
+use armwire::ling::arrival::Tolerances;
+use armwire::ling::{JOINTS, Rest};
+use armwire::time::Instant;
 
 use super::failure::{Failure, LIMIT};
 use crate::motion::axes::{Off, Ticks, farthest};
-
-/// The distance of a joint from the last pose within which it is there, in ticks: 0.1 rad, as in the vendor's software. A
-/// servo holds a load by its error.
-const TOLERANCE: f64 = 65.0;
-/// An arm is at rest if its readings lie within [`Rest::TOLERANCE`](armwire::ling::Rest::TOLERANCE) of each other for this time.
-const REST: Duration = Duration::from_millis(200);
 
 /// The arrival at the last pose. Readings go in.
 #[derive(Clone, Copy, Debug)]
@@ -19,12 +13,12 @@ pub(super) struct Arrival {
     pose: Ticks,
     /// The time since which the last pose is the goal.
     sent: Instant,
-    rest: Option<Rest>,
+    window: Option<Window>,
 }
 
 /// Readings that lie close to each other.
 #[derive(Clone, Copy, Debug)]
-struct Rest {
+struct Window {
     /// The times of the first and of the last one.
     first: Instant,
     last: Instant,
@@ -40,8 +34,8 @@ struct Rest {
 impl Arrival {
     /// The arrival at this pose, which is the goal since `sent`.
     pub(super) fn new(pose: Ticks, sent: Instant) -> Self {
-        let rest = None;
-        Self { pose, sent, rest }
+        let window = None;
+        Self { pose, sent, window }
     }
 
     /// Takes a reading of the joints that was made at `at`.
@@ -49,7 +43,7 @@ impl Arrival {
         if at < self.sent {
             return;
         }
-        let new = Rest {
+        let new = Window {
             first: at,
             last: at,
             joints: joints.map(f64::from),
@@ -57,42 +51,42 @@ impl Arrival {
             high: *joints,
             moved: None,
         };
-        let Some(rest) = &mut self.rest else {
-            self.rest = Some(new);
+        let Some(window) = &mut self.window else {
+            self.window = Some(new);
             return;
         };
         for (joint, ticks) in joints.iter().enumerate() {
-            rest.low[joint] = rest.low[joint].min(*ticks);
-            rest.high[joint] = rest.high[joint].max(*ticks);
+            window.low[joint] = window.low[joint].min(*ticks);
+            window.high[joint] = window.high[joint].max(*ticks);
         }
-        let spans = rest.high.iter().zip(rest.low).map(|(high, low)| high - low);
-        let moved = spans.enumerate().find(|(_, span)| *span > StandStill::TOLERANCE);
-        *rest = match moved.map(|(joint, _)| joint) {
-            moved @ Some(_) => Rest { moved, ..new },
-            None => Rest {
+        let spans = window.high.iter().zip(window.low).map(|(high, low)| high - low);
+        let moved = spans.enumerate().find(|(_, span)| *span > Rest::TOLERANCE);
+        *window = match moved.map(|(joint, _)| joint) {
+            moved @ Some(_) => Window { moved, ..new },
+            None => Window {
                 last: at,
                 joints: new.joints,
-                ..*rest
+                ..*window
             },
         };
     }
 
     /// The end at `now`; `None` before it.
     pub(super) fn end(&self, now: Instant) -> Option<Result<(), Failure>> {
-        let rest = self.rest?;
-        let (axis, distance) = farthest(&rest.joints, &self.pose);
-        let is_at_rest = rest.last.since(rest.first) >= REST;
-        let is_there = distance <= TOLERANCE;
+        let window = self.window?;
+        let (axis, distance) = farthest(&window.joints, &self.pose);
+        let is_at_rest = window.last.since(window.first) >= Rest::TIME;
+        let is_there = distance <= f64::from(Tolerances::JOINT);
         match (is_at_rest, is_there) {
             (true, true) => Some(Ok(())),
             // It may begin to move yet.
             _ if now.since(self.sent) < LIMIT => None,
             // Without a motion, readings are late.
-            (false, _) => Some(Err(Failure::Moving(rest.moved? as u8 + 1))),
+            (false, _) => Some(Err(Failure::Moving(window.moved? as u8 + 1))),
             (true, false) => Some(Err(Failure::Away(Off {
                 axis,
                 distance,
-                allowed: TOLERANCE,
+                allowed: Tolerances::JOINT.into(),
             }))),
         }
     }
