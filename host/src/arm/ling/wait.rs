@@ -114,9 +114,8 @@ impl Wait {
         let Some(state) = self.readings.read(arm)? else {
             return Ok(None);
         };
-        let name = arm.name().into();
-        let not_reached = |limit, away| Error::NotReached {
-            name,
+        let not_reached = |arm: &Ling, limit, away| Error::NotReached {
+            name: arm.name().into(),
             state,
             limit,
             away,
@@ -126,9 +125,11 @@ impl Wait {
             Arrived::Elsewhere(away) if self.is_led => {
                 // An adapter that refuses motion is the reason.
                 arm.check_refusal()?;
-                Err(not_reached(None, Some(away)))
+                Err(not_reached(arm, None, Some(away)))
             }
-            _ if self.clock.0.elapsed() >= self.limit => Err(not_reached(Some(self.limit), self.arrival.away(&state))),
+            _ if self.clock.0.elapsed() >= self.limit => {
+                Err(not_reached(arm, Some(self.limit), self.arrival.away(&state)))
+            }
             // An arm that was stopped meanwhile has another goal.
             Arrived::Resend if arm.target.as_ref() == Some(self.arrival.target()) => {
                 arm.start(self.arrival.target()).map(|()| None)
@@ -225,9 +226,10 @@ impl Ling {
     /// # Errors
     ///
     /// [`Error::NotReached`] as soon as the arm is at rest elsewhere, and at the first reading after `limit`: it may move on
-    /// then. [`Error::Stopped`] after an interrupt. [`Error::TorqueOff`] if the torque is off, or goes off. [`Error::Unanswered`] if the arm falls silent, as in
-    /// [`MotionReadings::read`]: it was asked to stop. [`Error::MotionRefused`] as of
-    /// [`check_refusal`](Self::check_refusal): before the move, or within a second if the adapter is told to stop the arm.
+    /// then. [`Error::Stopped`] after an interrupt. [`Error::TorqueOff`] if the torque is off, or goes off.
+    /// [`Error::Unanswered`] if the arm falls silent, as in [`MotionReadings::read`]: it was asked to stop.
+    /// [`Error::MotionRefused`] as of [`check_refusal`](Self::check_refusal): before the move, or within a second if the
+    /// adapter is told to stop the arm.
     pub fn move_and_wait(
         &mut self,
         target: &Move,
