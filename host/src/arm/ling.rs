@@ -509,15 +509,14 @@ impl fmt::Debug for Ling {
 mod tests {
     use std::sync::mpsc;
 
-    use armwire::ling::{Ling as Protocol, MotionStatus, Response};
+    use armwire::ling::{Ling as Protocol, Response};
     use armwire::messages::Messages;
-    use armwire_bridge::control::{self, FromAdapter, FromHost, Initiator, Reply, StopInForce};
+    use armwire_bridge::control::{self, FromAdapter, FromHost, Initiator, Reply};
 
     use super::*;
-    use crate::arm::shared::Shared;
     use crate::describe::Arm;
     use crate::error::text::Text;
-    use crate::ports::control::{Adapter, Received, Transport};
+    use crate::ports::control::{Received, Transport};
     use crate::ports::line::{Line, Names, Reception};
 
     /// A line that fails once it has taken this number of writes.

@@ -1,4 +1,4 @@
-//! When an adapter is asked whether it refuses motion.
+//! The questions to an adapter whether it refuses motion, and their times.
 
 use std::time::{Duration, Instant};
 
@@ -18,7 +18,7 @@ const PERIOD: Duration = Duration::from_secs(1);
 /// The questions to the adapter on the arm's port.
 #[derive(Debug, Default)]
 pub(crate) struct Refusals {
-    /// True if nobody on this port tells.
+    /// True if no adapter on this port can tell.
     is_silent: bool,
     /// The adapter whose control port a reader of this arm has.
     lent: Option<Shared<Adapter>>,
