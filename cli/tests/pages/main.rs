@@ -12,5 +12,6 @@ mod block;
 mod can;
 mod effects;
 mod examples;
+mod silence;
 mod update;
 mod world;

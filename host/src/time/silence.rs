@@ -41,28 +41,6 @@ impl SilenceLimit {
 mod tests {
     use super::*;
 
-    /// A file of the documentation.
-    fn page(name: &str) -> String {
-        std::fs::read_to_string(format!("{}/../docs/{name}", env!("CARGO_MANIFEST_DIR"))).unwrap()
-    }
-
-    #[test]
-    fn documents_state_the_limits() {
-        use SilenceLimit as Limit;
-        let seconds = |limit: Limit| limit.least().as_micros() as f64 / 1e6;
-        let safety = page("safety.md");
-        for limit in [Limit::STALE, Limit::PAUSE, Limit::FAIL, Limit::REOPEN, Limit::STOP] {
-            assert!(safety.contains(&format!("\n| {} s | ", seconds(limit))), "{limit:?}");
-        }
-        let (pause, fail) = (seconds(Limit::PAUSE), seconds(Limit::FAIL));
-        let teleop = page("teleop.md");
-        assert!(teleop.contains(&format!("the leader is not read for {pause} s, ")));
-        assert!(teleop.contains(&format!("is not read for {pause} s (`replay`: {fail} s)")));
-        let ros2 = page("ros2.md");
-        assert!(ros2.contains(&format!("The arm is not read for {fail} s, ")));
-        assert!(ros2.contains(&format!("After {} s the port is opened again", seconds(Limit::REOPEN))));
-    }
-
     #[test]
     fn slow_readings_are_no_silence() {
         let at = |millis| SilenceLimit::PAUSE.at(Duration::from_millis(millis)).as_micros() / 1_000;
