@@ -88,10 +88,10 @@ impl Recording {
     }
 
     /// Joint states with these names, and the positions at each time in milliseconds.
-    fn joint_states(names: &[&str], positions: &[(u32, &[f64])]) -> Self {
+    fn joint_states<P: AsRef<[f64]>>(names: &[&str], positions: &[(u32, P)]) -> Self {
         let messages = positions.iter().map(|(millis, positions)| {
             let stamp = Cdr::new().time(*millis);
-            (*millis, joint_state(stamp, names, positions))
+            (*millis, joint_state(stamp, names, positions.as_ref()))
         });
         Self::new("sensor_msgs/msg/JointState", &messages.collect::<Vec<_>>())
     }
@@ -174,10 +174,6 @@ fn joint_states_of_others_are_replayed() {
             )
         })
         .collect();
-    let positions: Vec<_> = positions
-        .iter()
-        .map(|(millis, positions)| (*millis, &positions[..]))
-        .collect();
     let recording = Recording::joint_states(&NAMES, &positions[..5]);
     let output = recording.replay(&[&arm.port]);
     assert!(output.status.success(), "{output:?}");
@@ -250,10 +246,6 @@ fn unsuitable_recordings_are_refused_without_the_arm() {
 /// A motion of the joints by 149°/s, to 149°.
 fn fast() -> Recording {
     let positions: Vec<_> = (0..=50).map(|n| (n * 20, [0.052 * f64::from(n); 6])).collect();
-    let positions: Vec<_> = positions
-        .iter()
-        .map(|(millis, positions)| (*millis, &positions[..]))
-        .collect();
     Recording::joint_states(&NAMES[..6], &positions)
 }
 
@@ -263,10 +255,6 @@ fn unsorted_recording_is_replayed_in_order() {
     let poses: Vec<_> = (0..201)
         .map(|n| n * 73 % 201)
         .map(|n| (n * 10, [0.005 * f64::from(n); 6]))
-        .collect();
-    let poses: Vec<_> = poses
-        .iter()
-        .map(|(millis, positions)| (*millis, &positions[..]))
         .collect();
     let recording = Recording::joint_states(&NAMES[..6], &poses);
     let arm = Arm::start("ling", "replay-unsorted", &["--plant", "typical"]);
@@ -389,10 +377,6 @@ fn leader_is_not_replayed_to() {
 /// A motion of 20 s, by 170°.
 fn far() -> Recording {
     let positions: Vec<_> = (0..=200).map(|n| (n * 100, [0.015 * f64::from(n); 6])).collect();
-    let positions: Vec<_> = positions
-        .iter()
-        .map(|(millis, positions)| (*millis, &positions[..]))
-        .collect();
     Recording::joint_states(&NAMES[..6], &positions)
 }
 
