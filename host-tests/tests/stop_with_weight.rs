@@ -18,7 +18,7 @@ const DEGREE: f64 = 4096.0 / 360.0;
 /// The sag of the joints, as shares of the plant's: see [`Plant`].
 const SHARES: [f64; JOINTS] = [0.0, 1.0, 0.8, 0.0, 0.4, 0.0];
 
-/// What the plants and lines of a class have at most.
+/// The largest values of the plants and lines of a class.
 #[derive(Clone, Copy)]
 struct Class {
     sag: u32,
@@ -194,7 +194,7 @@ impl World {
     }
 }
 
-/// What an arm did in a stop.
+/// A stop, and the motion of the arm.
 struct Run {
     result: Result<Stopped, StopError>,
     /// The setpoints.

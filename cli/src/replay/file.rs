@@ -38,7 +38,7 @@ pub(super) enum Source {
 pub(super) struct Recorded {
     pub(super) topic: String,
     pub(super) source: Source,
-    /// What was not as recorded, in words.
+    /// Differences from the recording, in words.
     pub(super) warnings: Vec<String>,
     /// At times that grow, by 1 µs at least.
     poses: Vec<Pose>,
