@@ -29,5 +29,12 @@ fn log(info: &PanicInfo<'_>) {
     if IS_LOGGING.swap(true, Ordering::Relaxed) {
         board::reset();
     }
-    defmt::error!("{}", defmt::Display2Format(info));
+    if let Some(place) = info.location() {
+        defmt::error!(
+            "panicked at {=str}:{=u32}:{=u32}",
+            place.file(),
+            place.line(),
+            place.column()
+        );
+    }
 }

@@ -29,13 +29,32 @@ impl Update {
     }
 }
 
+/// An optimisation level, as in a profile of cargo.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Level {
+    /// 3.
+    Speed,
+    /// "s".
+    Size,
+}
+
+impl Level {
+    /// The value of `opt-level`.
+    pub(crate) const fn value(self) -> &'static str {
+        match self {
+            Self::Speed => "3",
+            Self::Size => "\"s\"",
+        }
+    }
+}
+
 /// The optimisation of an image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Optimisation {
     /// The level of most packages, if it is not the profile's.
     pub(crate) level: Option<&'static str>,
-    /// The packages that are compiled for speed, at level 3.
-    pub(crate) fast: &'static [&'static str],
+    /// Packages with a level of their own.
+    pub(crate) packages: &'static [(&'static str, Level)],
 }
 
 impl Board {
@@ -125,25 +144,32 @@ impl Board {
     /// The optimisation of the shipped image, or of that with a log.
     pub(crate) const fn optimisation(self, log: bool) -> Optimisation {
         match (self.0.chip, log) {
-            // At the profile's level the log does not fit into the flash of the STM32G431. The protocol crate alone is
-            // smaller at level 3: its small functions are inlined.
+            // At the profile's level the log does not fit into the flash of the STM32G431. These packages are smaller when
+            // their small functions are inlined: each such function has its own reports of a panic.
             (_, true) => Optimisation {
                 level: Some("z"),
-                fast: &["armwire"],
+                packages: &[
+                    ("armwire", Level::Speed),
+                    ("embassy-stm32", Level::Size),
+                    ("embassy-usb", Level::Speed),
+                ],
             },
             (Chip::Stm32f405, false) => Optimisation {
                 level: None,
-                fast: &[
-                    "armwire",
-                    "armwire-bridge",
-                    "armwire-firmware",
-                    "embassy-executor",
-                    "embassy-sync",
-                    "embassy-usb-synopsys-otg",
+                packages: &[
+                    ("armwire", Level::Speed),
+                    ("armwire-bridge", Level::Speed),
+                    ("armwire-firmware", Level::Speed),
+                    ("embassy-executor", Level::Speed),
+                    ("embassy-sync", Level::Speed),
+                    ("embassy-usb-synopsys-otg", Level::Speed),
                 ],
             },
             // The STM32G431 has no flash left for it.
-            (Chip::Stm32g431 | Chip::Rp2040, false) => Optimisation { level: None, fast: &[] },
+            (Chip::Stm32g431 | Chip::Rp2040, false) => Optimisation {
+                level: None,
+                packages: &[],
+            },
         }
     }
 
@@ -179,10 +205,10 @@ mod tests {
 
     /// Cargo only warns about an unknown package.
     #[test]
-    fn packages_compiled_for_speed_exist() {
+    fn packages_with_a_level_exist() {
         let lock = fs::read_to_string(root().join("Cargo.lock")).unwrap();
         let optimisations = Board::all().flat_map(|board| [false, true].map(|log| board.optimisation(log)));
-        for package in optimisations.flat_map(|optimisation| optimisation.fast) {
+        for (package, _) in optimisations.flat_map(|optimisation| optimisation.packages) {
             assert!(lock.contains(&format!("name = \"{package}\"\n")), "{package}");
         }
     }

@@ -152,8 +152,9 @@ pub(crate) fn build(options: Options) -> Result<Image> {
     if let Some(level) = optimisation.level {
         build.env("CARGO_PROFILE_FIRMWARE_OPT_LEVEL", level);
     }
-    for package in optimisation.fast {
-        build.arg(format!("--config=profile.firmware.package.{package}.opt-level=3"));
+    for (package, level) in optimisation.packages {
+        let level = level.value();
+        build.arg(format!("--config=profile.firmware.package.{package}.opt-level={level}"));
     }
     run(&mut build)?;
 
