@@ -19,6 +19,7 @@ mod monitor;
 mod motion;
 mod new_file;
 mod output;
+mod park;
 mod printable;
 mod record;
 mod recording;
@@ -88,6 +89,12 @@ enum Command {
     Stop(stop::command::StopArm),
     /// Switch a Ling arm's torque on or off. With torque off the arm falls: hold it.
     Torque(motion::SetTorque),
+    /// Move a Ling arm slowly to the pose in which it lies, and switch its torque off there. The arm moves at once: keep
+    /// clear of it.
+    ///
+    /// The joints go at 20°/s at most, and arrive together. Where the arm does not arrive, and after Ctrl-C, it is stopped,
+    /// and its torque stays on.
+    Park(park::Park),
     /// Set a Ling arm's current pose as its zero position. The torque goes off and the arm falls: hold it.
     SetZero(motion::SetZero),
     /// Measure how long a program waits for an arm's pose, and how old the pose is.
@@ -205,6 +212,7 @@ fn run(command: &Command) -> Result<(), Error> {
         Command::Call(call) => call.run(),
         Command::Move(motion) => motion.run(),
         Command::Stop(stop) => stop.run(),
+        Command::Park(park) => park.run(),
         Command::Torque(torque) => torque.run(),
         Command::SetZero(zero) => zero.run(),
         Command::Decode(decode) => decode.run(),

@@ -122,7 +122,7 @@ impl SetZero {
 }
 
 /// A tolerance in degrees, as ticks.
-fn within(text: &str) -> Result<u16, String> {
+pub(crate) fn within(text: &str) -> Result<u16, String> {
     let degrees: f32 = parse(text, "a number")?;
     let ticks = degrees * f32::from(TICKS_PER_TURN) / 360.0;
     match (1.0..=f32::from(TICKS_PER_TURN)).contains(&ticks) {

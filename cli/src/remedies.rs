@@ -31,6 +31,7 @@ pub(crate) fn words(remedy: Remedy) -> String {
         Remedy::TryBaud => " (--baud)",
         Remedy::Listen => " 'armwire monitor' shows its joints.",
         Remedy::EndReservation => " ('armwire reserve')",
+        Remedy::SaveParkPose => ": 'armwire park PORT --save' saves it",
         Remedy::Stop => "; 'armwire stop PORT' stops the arm",
         _ => "",
     }

@@ -127,7 +127,7 @@ fn each<T>(text: &str, one: impl Fn(&str) -> Result<T, String>) -> Result<[T; JO
         .map_err(|_| format!("there are {JOINTS} joints, not {got}"))
 }
 
-fn positions(text: &str) -> Result<[Position; JOINTS], String> {
+pub(crate) fn positions(text: &str) -> Result<[Position; JOINTS], String> {
     each(text, |text| scaled(text, "degrees", PI / 180.0, Position::from_radians))
 }
 

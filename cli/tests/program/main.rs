@@ -18,6 +18,7 @@ mod link;
 mod list;
 mod monitor;
 mod motion;
+mod park;
 mod pty;
 #[cfg(feature = "recordings")]
 mod recordings;

@@ -15,7 +15,7 @@ use rustix::process::{Pid, Signal, kill_process};
 
 use crate::common::board::Board;
 use crate::common::{
-    Arm, NO_ANSWER, PROGRAM, TIMEOUT, failure, finish, free_path, retry_while, run, run_against, start, success,
+    Arm, NO_ANSWER, PROGRAM, TIMEOUT, angles, failure, finish, free_path, retry_while, run, run_against, start, success,
 };
 use crate::signals::Stepped;
 
@@ -304,15 +304,8 @@ fn replay_ends_at_the_last_pose() {
 
 /// Asserts that the joints are within 0.1 rad of this angle in degrees.
 fn assert_joints_near(arm: &Arm, degrees: f64) {
-    let joints = success(&["call", "ling", &arm.port, "read-joints"]);
-    let angles: Vec<f64> = joints
-        .split('°')
-        .filter_map(|text| text.rsplit(' ').next()?.parse().ok())
-        .collect();
-    assert!(
-        angles.len() == 6 && angles.iter().all(|angle| (angle - degrees).abs() < 5.73),
-        "{joints}"
-    );
+    let angles = angles(&arm.port);
+    assert!(angles.iter().all(|angle| (angle - degrees).abs() < 5.73), "{angles:?}");
 }
 
 #[test]

@@ -1,5 +1,6 @@
 //! A Ling arm: its requests, and what a motion depends on.
 
+mod park;
 mod stream;
 mod wait;
 
@@ -26,6 +27,7 @@ use crate::ports::link::{Interrupt, LineErrors, Link};
 use crate::ports::port::Connection;
 use crate::time::silence::SilenceLimit;
 
+pub use park::Parking;
 pub use stream::Stream;
 pub use wait::{MotionReadings, Switching, Wait};
 
@@ -62,6 +64,8 @@ pub struct Ling {
     /// True if the last reading [permits motion](armwire::ling::MotionStatus::check_motion). False before the first one,
     /// and after the torque was or may have been switched: the next move reads first.
     may_move: bool,
+    /// The number of stops. Another call that moves the arm in steps ends with one.
+    stops: usize,
     /// The last reading of the joints since the last move.
     last: Option<JointState>,
     /// True if the last reading was an Alicia-D's.
@@ -93,6 +97,7 @@ impl Connection {
             gripper: None,
             target: None,
             may_move: false,
+            stops: 0,
             last: None,
             is_own: false,
             refusals: Refusals::default(),
@@ -440,6 +445,7 @@ impl Ling {
         drive: impl FnOnce(&mut Link<armwire::ling::Ling>, &mut Stop) -> Result<Stopped, Error>,
     ) -> Result<Stopped, Error> {
         self.may_move = false;
+        self.stops += 1;
         let gripper = gripper.or(self.gripper);
         let mut stop = match (self.target.take(), gripper) {
             (Some(mut target), Some(gripper)) => {
@@ -579,6 +585,7 @@ mod tests {
             gripper: None,
             target: None,
             may_move: false,
+            stops: 0,
             last: None,
             is_own: false,
             refusals: Refusals::default(),
@@ -618,17 +625,8 @@ mod tests {
     fn grip_is_kept_until_torque_off_is_sent() {
         for (writes, has_moved) in [(0, true), (1, false)] {
             for effect in [Effect::Torque(Torque::Off), Effect::Zero] {
-                let mut arm = Ling {
-                    link: Link::new(Box::new(Failing(writes)), armwire::ling::Ling::CONFIG),
-                    connection: crate::open("/dev/fake").unwrap(),
-                    gripper: Some(Opening::OPEN),
-                    target: None,
-                    may_move: false,
-                    last: None,
-                    is_own: false,
-                    refusals: Refusals::default(),
-                    on_pose: None,
-                };
+                let mut arm = ling(Box::new(Failing(writes)));
+                arm.gripper = Some(Opening::OPEN);
                 assert_eq!(arm.send(effect).is_err(), has_moved);
                 assert_eq!(arm.has_moved(), has_moved);
             }

@@ -3,6 +3,7 @@
 pub(crate) mod alpha1;
 mod legacy;
 pub(crate) mod ling;
+pub(crate) mod park_poses;
 pub(crate) mod pose;
 mod refusals;
 pub(crate) mod shared;

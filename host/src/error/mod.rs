@@ -16,7 +16,7 @@ use armwire::ling::arrival::Away;
 use armwire::ling::effect::EffectError;
 use armwire::ling::legacy::OlderGeneration;
 use armwire::ling::stop::Stopped;
-use armwire::ling::{Immovable, JointState, MotionStatus};
+use armwire::ling::{Immovable, JointState, MotionStatus, SerialNumber};
 use armwire_bridge::control::{StopInForce, VERSION};
 
 use crate::error::no_pose::NoPose;
@@ -94,6 +94,13 @@ pub enum Error {
         limit: Option<Duration>,
         away: Option<Away>,
     },
+    /// The arm did not arrive where it was to be parked, and was told to hold its pose. Its torque stays on.
+    NotParked {
+        cause: Box<Error>,
+        stopped: Result<Stopped, Text>,
+    },
+    /// No pose is saved in which the arm with this serial number lies.
+    NoParkPose { name: Outside, serial: SerialNumber },
     /// The program's [interrupt](crate::Interrupt) returned this error, and the arm was stopped.
     Stopped {
         name: Outside,
@@ -242,6 +249,18 @@ impl Error {
                     Some(_) => error.remedy(Remedy::Stop),
                     None => error,
                 }
+            }
+            Self::NotParked { cause, stopped } => {
+                let what = Text::from(format!("{cause}; not parked, "));
+                match stopped {
+                    Ok(Stopped::AtRest { state, .. }) => what.and(&format!("the arm holds its pose: {state}")),
+                    Ok(Stopped::WithoutTorque(state)) => what.and(&format!("the torque is off: {state}")),
+                    Err(cause) => what.append(cause),
+                }
+            }
+            Self::NoParkPose { name, serial } => {
+                let what = format!("no pose is saved in which the arm {serial} lies without torque");
+                at(name, &what).remedy(Remedy::SaveParkPose)
             }
             Self::Stopped { name, reason, .. } => at(name, &format!("stopped: {reason}")),
             Self::Disabled { name, feature } => at(

@@ -19,6 +19,8 @@ pub enum Remedy {
     TorqueOn,
     /// The arm may be stopped.
     Stop,
+    /// The pose in which an arm lies may be saved.
+    SaveParkPose,
     /// A program reserves the adapter's line, and may end that.
     EndReservation,
 }

@@ -12,7 +12,7 @@ use crate::time::rate::Rate;
 /// gripper: at [`GripperSpeed::DEFAULT`] it would be late.
 const TRAJECTORY_GRIPPER_SPEED: GripperSpeed = GripperSpeed(5500);
 /// The speed on the way to a motion: 20°/s.
-const APPROACH_SPEED: Speed = speed(228);
+pub(crate) const APPROACH_SPEED: Speed = speed(228);
 /// The time in which a joint makes up for its distance from the goal before, in seconds.
 const CATCH_UP_S: f64 = 0.05;
 

@@ -186,6 +186,17 @@ impl Drop for Arm {
     }
 }
 
+/// The angles of the joints of a Ling arm, in degrees.
+pub(crate) fn angles(port: &str) -> Vec<f64> {
+    let joints = success(&["call", "ling", port, "read-joints"]);
+    let angles = joints
+        .split('°')
+        .filter_map(|text| text.rsplit(' ').next()?.parse().ok());
+    let angles: Vec<f64> = angles.collect();
+    assert_eq!(angles.len(), 6, "{joints}");
+    angles
+}
+
 /// Runs a program with a pty for PORT in its arguments, and calls `arm` with all bytes that the program writes to the
 /// pty.
 pub(crate) fn run_against(args: &[&str], mut arm: impl FnMut(&Child, &Pty, &[u8])) -> Output {

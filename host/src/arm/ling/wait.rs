@@ -293,7 +293,7 @@ impl Shared<Ling> {
 }
 
 /// Repeats a reading until it decides.
-fn until<T>(mut read: impl FnMut() -> Result<Option<T>, Error>) -> Result<T, Error> {
+pub(super) fn until<T>(mut read: impl FnMut() -> Result<Option<T>, Error>) -> Result<T, Error> {
     loop {
         if let Some(decided) = read()? {
             return Ok(decided);
