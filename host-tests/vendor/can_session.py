@@ -30,7 +30,7 @@ CONTROL_REQUEST, CONTROL_ANSWER = 0x640, 0x650
 CYCLIC = range(0x200, 0x250)
 
 # The version of the control port's messages.
-VERSION = 6
+VERSION = 7
 
 # Kinds and initiators of EVENT.
 QUEUE_FULL, NO_FRAME, INCOMPLETE, STALE, OUT_OF_RANGE, HOST_SILENT = 1, 2, 3, 4, 5, 16
