@@ -3,14 +3,15 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
+use armwire::ling::arrival::Tolerances;
 use armwire::ling::effect::Effect;
-use armwire::ling::{JOINTS, JointState, Stroke};
+use armwire::ling::{JOINTS, JointState, Position, Stroke};
 use armwire::time;
 use armwire_bridge::config::{ArmKind, MAX_POLL_HZ, Poll};
 use armwire_bridge::control::{self, Event, StopInForce, Subscription};
 use armwire_host::stamps::{self, Clock};
 use armwire_host::stopwatch::Stopwatch;
-use armwire_host::{Adapter, Error, Options, SilenceLimit, Stream, adapter};
+use armwire_host::{Adapter, Error, Options, ParkPoses, SilenceLimit, Stream, adapter};
 use ros2_client::RmwRequestId;
 
 use crate::clients::{Asked, Clients};
@@ -22,6 +23,8 @@ use crate::services::{Pending, refused};
 use crate::source::{Input, Requests, Source};
 use crate::trajectory::{Joint, Refusal};
 
+/// The maximum time of a parking.
+const PARK_LIMIT: Duration = Duration::from_secs(60);
 /// Time between two attempts to open a port.
 const RETRY: Duration = Duration::from_secs(1);
 
@@ -34,11 +37,12 @@ enum Failure {
     Arm(String),
 }
 
-/// Serves an arm until `stop` is set. Reopens a port that fails.
-pub(crate) fn serve(arm: &Arm, endpoints: &Endpoints, stop: &AtomicBool) {
+/// Serves an arm until `stop` is set, and parks it then if it is to be, until `stop_parking` is set. Reopens a port that
+/// fails.
+pub(crate) fn serve(arm: &Arm, endpoints: &Endpoints, stop: &AtomicBool, stop_parking: &'static AtomicBool) {
     let mut clients = Clients::new(arm, endpoints);
     while !stop.load(Ordering::Relaxed) {
-        let failure = match Session::open(&mut clients).and_then(|session| session.run(stop)) {
+        let failure = match Session::open(&mut clients).and_then(|session| session.run(stop, stop_parking)) {
             Ok(()) => return,
             Err(failure) => failure.to_string(),
         };
@@ -60,6 +64,8 @@ struct Session<'a, 'b> {
     clock: Stopwatch,
     stroke: Stroke,
     joints: Vec<Joint>,
+    /// The pose in which it is parked at the end.
+    park: Option<[Position; JOINTS]>,
     /// Time between two readings.
     period: Duration,
     latest: Reading,
@@ -85,6 +91,10 @@ impl<'a, 'b> Session<'a, 'b> {
         };
         let mut ling = connection.ling()?;
         let stroke = ling.read_stroke()?;
+        let park = match clients.arm.park {
+            true => Some(ling.saved_park_pose(&ParkPoses::of_user()?)?),
+            false => None,
+        };
         let mut joints = clients.arm.joints.all.clone();
         joints[JOINTS].max = f64::from(stroke.millimetres()) / 1_000.0;
         let mut period = Duration::from_secs(1) / clients.arm.rate;
@@ -118,6 +128,7 @@ impl<'a, 'b> Session<'a, 'b> {
             stroke,
             motion: Motion::new(joints.clone(), JOINTS, Units(stroke), silence, now, latest.clone()),
             joints,
+            park,
             period,
             latest,
             is_streaming: false,
@@ -126,8 +137,9 @@ impl<'a, 'b> Session<'a, 'b> {
         })
     }
 
-    /// Serves the arm until `stop` is set or its port fails. The arm then holds the last setpoint.
-    fn run(mut self, stop: &AtomicBool) -> Result<(), Failure> {
+    /// Serves the arm until `stop` is set or its port fails. The arm then holds the last setpoint, or is parked after
+    /// `stop`.
+    fn run(mut self, stop: &AtomicBool, stop_parking: &'static AtomicBool) -> Result<(), Failure> {
         let result = self.serve(stop);
         self.motion.abort(&match &result {
             Ok(()) => Abort::NodeEnded,
@@ -146,7 +158,32 @@ impl<'a, 'b> Session<'a, 'b> {
                 refused("sent, but not read back: the arm was lost"),
             );
         }
+        if let (Ok(()), Some(pose)) = (&result, self.park) {
+            self.park(pose, stop_parking);
+        }
         result
+    }
+
+    /// Parks the arm, and logs the end. It is not read by the adapter any more.
+    fn park(self, pose: [Position; JOINTS], stop_parking: &'static AtomicBool) {
+        let Self {
+            clients,
+            stream,
+            source,
+            ..
+        } = self;
+        drop(source);
+        let mut arm = stream.into_arm();
+        arm.set_interrupt(|| match stop_parking.load(Ordering::Relaxed) {
+            true => Err("a second signal".into()),
+            false => Ok(()),
+        });
+        clients.log("parking");
+        let text = match arm.park(pose, Tolerances::JOINT, PARK_LIMIT) {
+            Ok(outcome) => format!("parked: {outcome}"),
+            Err(error) => error.to_string(),
+        };
+        clients.log(&text);
     }
 
     fn serve(&mut self, stop: &AtomicBool) -> Result<(), Failure> {

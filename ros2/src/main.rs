@@ -53,6 +53,8 @@ const MAX_FAILED: u32 = 3;
 
 /// Set by Ctrl-C or by SIGTERM.
 static STOP: AtomicBool = AtomicBool::new(false);
+/// Set by a second one, which ends the parking.
+static STOP_PARKING: AtomicBool = AtomicBool::new(false);
 
 fn main() -> ExitCode {
     let options = match Options::parse().checked() {
@@ -72,7 +74,12 @@ fn main() -> ExitCode {
 }
 
 fn run(options: &options::Checked) -> Result<(), String> {
-    ctrlc::set_handler(|| STOP.store(true, Ordering::Relaxed)).map_err(|error| error.to_string())?;
+    let on_signal = || {
+        if STOP.swap(true, Ordering::Relaxed) {
+            STOP_PARKING.store(true, Ordering::Relaxed);
+        }
+    };
+    ctrlc::set_handler(on_signal).map_err(|error| error.to_string())?;
     let network = Network::join(options)?;
     let mut arms = Vec::new();
     for arm in &options.arms {
@@ -80,7 +87,7 @@ fn run(options: &options::Checked) -> Result<(), String> {
     }
     thread::scope(|scope| {
         for (arm, (_, endpoints)) in &arms {
-            scope.spawn(|| arm::serve(arm, endpoints, &STOP));
+            scope.spawn(|| arm::serve(arm, endpoints, &STOP, &STOP_PARKING));
         }
         let result = watch(&network, &STOP);
         // The arms hold.

@@ -40,6 +40,11 @@ pub(crate) struct Options {
     /// Allow set_zero, which changes an arm's zero position permanently and drops the arm.
     #[arg(long)]
     allow_set_zero: bool,
+    /// Park the arms when the node ends: each goes slowly to the pose that 'armwire park --save' has saved for it, and its
+    /// torque goes off there. A second Ctrl-C stops them, and they keep their torque. An arm without a saved pose is not
+    /// served.
+    #[arg(long)]
+    park: bool,
 }
 
 /// ROS 2's middleware.
@@ -70,6 +75,8 @@ pub(crate) struct Arm {
     pub(crate) joints: Joints,
     pub(crate) rate: u32,
     pub(crate) allow_set_zero: bool,
+    /// The arm is parked at the end.
+    pub(crate) park: bool,
 }
 
 impl Options {
@@ -110,6 +117,7 @@ impl Options {
                 joints: joints.remove(name).unwrap_or_default(),
                 rate: self.rate,
                 allow_set_zero: self.allow_set_zero,
+                park: self.park,
             });
         }
         if let Some(name) = controls.keys().next() {

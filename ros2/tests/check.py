@@ -357,6 +357,10 @@ STATUS_QOS = Qos(
 )
 QOS = Qos(Policy.Reliability.Reliable(duration(milliseconds=100)), Policy.History.KeepLast(1000))
 JOINTS = [f"joint{n}" for n in range(1, 7)]
+# In rad: an arm with weight rests below its goals.
+NEAR = 0.03
+# In rad: the readings of an arm at rest.
+REST = 0.006
 # A pose away from the one at the start.
 GOAL = [0.1, 0.2, -0.3, 0.4, 0.5, -0.6]
 NO_MULTI_DOF = MultiDofTrajectory_(Header_(Time_(0, 0), ""), [], [])
@@ -441,7 +445,7 @@ class Peer:
     def send(self, points, **options):
         self.trajectories.write(self.trajectory(points, **options))
 
-    def is_at(self, goal, near=0.01):
+    def is_at(self, goal, near=NEAR):
         positions = self.positions()
         return bool(positions) and all(abs(a - b) <= near for a, b in zip(positions, goal))
 
@@ -480,7 +484,7 @@ class Peer:
         time.sleep(settling)
         held = self.positions()
         time.sleep(0.5)
-        assert self.is_at(held, 0.002), (held, self.positions())
+        assert self.is_at(held, REST), (held, self.positions())
 
     def call(self, service, request, seconds=5):
         self.number += 1
@@ -700,6 +704,30 @@ os.kill(os.getpid(), signal.SIGKILL)
     end(sim)
 
 
+def parking(participant):
+    """A node with --park: the arm lies in its saved pose when the node has ended."""
+    os.environ["XDG_CONFIG_HOME"] = FOLDER
+    sim, port = virtual_arm("parked")
+    armwire = os.path.join(PROGRAMS, "armwire")
+    subprocess.run([armwire, "torque", port, "off", "--yes"], check=True)
+    subprocess.run([armwire, "park", port, "--save"], check=True)
+    lying = angles(read_joints(port))
+    node = start("armwire-ros2", "--arm", f"parked=ling:{port}", "--rmw", "cyclonedds", "--park")
+    peer = Peer(participant, "parked")
+    matched(participant, [peer])
+    peer.set_torque(True)
+    goal = [0.3, *map(math.radians, lying[1:5]), 0.3]
+    peer.send([goal])
+    until(lambda: peer.is_at(goal), 5, "the arm is away from its park pose")
+    node.send_signal(signal.SIGTERM)
+    assert node.wait(30) == 0
+    parked = read_joints(port)
+    assert "status: idle" in parked, parked
+    assert all(abs(a - b) < 5.8 for a, b in zip(lying, angles(parked))), (lying, parked)
+    passed("a node with --park: the arm lies in its saved pose, without torque")
+    end(sim)
+
+
 def soon(seconds):
     """A stamp in this time."""
     at = time.time() + seconds
@@ -914,13 +942,19 @@ def read_joints(port):
     return subprocess.run(call, check=True, capture_output=True, text=True).stdout
 
 
+def angles(reading):
+    """The angles of the joints in degrees, as `read_joints` returns them."""
+    return [float(angle) for angle in re.findall(r"([-+]\d+\.\d+)°", reading)]
+
+
 def expect_rest(port, settling):
     """Check on an arm's port, without the node, that it rests after this time, with torque."""
     time.sleep(settling)
     first = read_joints(port)
     time.sleep(0.5)
     second = read_joints(port)
-    assert first == second and "locked" in first, (first, second)
+    moved = [abs(a - b) for a, b in zip(angles(first), angles(second))]
+    assert len(moved) == 6 and max(moved) < math.degrees(REST) and "locked" in first, (first, second)
 
 
 def behind_adapter(participant, board):
@@ -1068,6 +1102,7 @@ if __name__ == "__main__":
         other_mapping(participant)
         on_interface(participant)
         sixteen_arms(participant)
+        parking(participant)
         # The last, because a polling virtual board keeps a core busy.
         behind_adapter(participant, sys.argv[2])
     finally:
