@@ -48,7 +48,8 @@ pub(crate) fn exception(error: Error) -> PyErr {
         },
         Error::Unanswered { silence, .. } if silence.stopped.is_ok() => AbsentError::new_err(text),
         Error::NotStopped { .. } | Error::Unanswered { .. } => NotStoppedError::new_err(text),
-        Error::NotReached { .. } => NotReachedError::new_err(text),
+        Error::NotParked { stopped: Err(_), .. } => NotStoppedError::new_err(text),
+        Error::NotReached { .. } | Error::NotParked { .. } => NotReachedError::new_err(text),
         Error::NoPose { .. } => NoPoseError::new_err(text),
         Error::Closed { .. } => ClosedError::new_err(text),
         Error::Legacy { .. } => OlderArmError::new_err(text),
@@ -58,6 +59,7 @@ pub(crate) fn exception(error: Error) -> PyErr {
         | Error::Immovable { .. }
         | Error::MotionRefused { .. }
         | Error::NoEffect { .. }
+        | Error::NoParkPose { .. }
         | Error::Unsupported { .. } => RefusedError::new_err(text),
         Error::ErrorFrame { .. } => ErrorFrameError::new_err(text),
         Error::Unacceptable { .. } => UnacceptableError::new_err(text),
@@ -68,6 +70,7 @@ pub(crate) fn exception(error: Error) -> PyErr {
 /// The words of this package for a remedy.
 fn words(remedy: Remedy) -> String {
     match remedy {
+        Remedy::SaveParkPose => ": save_park_pose() saves it".to_owned(),
         Remedy::TorqueOn => ": set_torque(True) switches it on".to_owned(),
         _ => String::new(),
     }

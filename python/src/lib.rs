@@ -27,7 +27,7 @@ mod _armwire {
     use super::command::run;
     #[pymodule_export]
     use super::ling::{
-        LingPort, LingSwitching, LingWait, ling_angles, ling_is_holding, ling_joints, ling_motion_refusal,
+        LingParking, LingPort, LingSwitching, LingWait, ling_angles, ling_is_holding, ling_joints, ling_motion_refusal,
     };
     #[pymodule_export]
     use super::reader::{LingReader, XArmReader};

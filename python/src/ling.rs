@@ -4,14 +4,14 @@ use std::num::NonZeroU32;
 use std::sync::Mutex;
 use std::time::Duration;
 
-use armwire::ling::effect::Effect;
+use armwire::ling::effect::{Effect, Outcome};
 use armwire::ling::stop::{Grip, Stopped};
 use armwire::ling::{
     self, GripperSpeed, JOINTS, JointState, Kind, MotionStatus, Opening, Position, Speed, Stroke, TemperatureLimit,
     Torque,
 };
 use armwire::messages::Messages;
-use armwire_host::{Error, Ling, Switching, Wait};
+use armwire_host::{Error, Ling, ParkPoses, Parking, Switching, Wait};
 use pyo3::prelude::*;
 use pyo3::types::PyByteArray;
 
@@ -44,6 +44,10 @@ impl LingSwitching {
         Self(Mutex::new(Switching::new(Effect::Zero)))
     }
 }
+
+/// A parking.
+#[pyclass(frozen, module = "armwire._armwire")]
+pub(crate) struct LingParking(Mutex<Parking>);
 
 /// A Ling arm on a port.
 #[pyclass(frozen, module = "armwire._armwire")]
@@ -81,10 +85,7 @@ impl LingPort {
 
     /// A wait for the joints at these positions, from now on. The tolerance is in ticks.
     fn wait(&self, py: Python<'_>, positions: [u16; JOINTS], within: u16, timeout_s: f64) -> PyResult<LingWait> {
-        let mut joints = [Position::CENTRE; JOINTS];
-        for (joint, ticks) in joints.iter_mut().zip(positions) {
-            *joint = Position::new(ticks).map_err(value_error)?;
-        }
+        let joints = pose(positions)?;
         let limit = Duration::try_from_secs_f64(timeout_s).map_err(value_error)?;
         let wait = self
             .0
@@ -178,11 +179,49 @@ impl LingPort {
     ) -> PyResult<Option<(Joints, Extra, Option<String>)>> {
         self.0.with(py, |arm| {
             let outcome = lock(&switching.0).step(arm)?;
-            Ok(outcome.map(|outcome| {
-                let text = (!outcome.is_shown).then(|| format!("{}: {outcome}", arm.name()));
-                (joints(outcome.state), extra(arm), text)
-            }))
+            Ok(outcome.map(|outcome| shown(arm, &outcome)))
         })
+    }
+
+    /// Starts a parking at these positions, or at those that are saved for the arm. The tolerance is in ticks.
+    fn start_parking(
+        &self,
+        py: Python<'_>,
+        positions: Option<[u16; JOINTS]>,
+        within: u16,
+        timeout_s: f64,
+    ) -> PyResult<LingParking> {
+        let stated = positions.map(pose).transpose()?;
+        let limit = Duration::try_from_secs_f64(timeout_s).map_err(value_error)?;
+        let parking = self.0.with(py, |arm| {
+            arm.require_torque()?;
+            let pose = match stated {
+                Some(pose) => pose,
+                None => arm.saved_park_pose(&ParkPoses::of_user()?)?,
+            };
+            Parking::new(arm, pose, within, limit)
+        })?;
+        Ok(LingParking(Mutex::new(parking)))
+    }
+
+    /// As [`read_back`](Self::read_back), of the torque-off at the end of a parking.
+    fn read_parking(&self, py: Python<'_>, parking: &LingParking) -> PyResult<Option<(Joints, Extra, Option<String>)>> {
+        self.0.with(py, |arm| {
+            let outcome = lock(&parking.0).step(arm)?;
+            Ok(outcome.map(|outcome| shown(arm, &outcome)))
+        })
+    }
+
+    /// The positions that are saved for the arm, in ticks.
+    fn read_park_pose(&self, py: Python<'_>) -> PyResult<[u16; JOINTS]> {
+        let pose = self.0.with(py, |arm| arm.saved_park_pose(&ParkPoses::of_user()?))?;
+        Ok(pose.map(Position::ticks))
+    }
+
+    /// Saves the positions of an arm that lies without torque. Returns them, in ticks.
+    fn save_park_pose(&self, py: Python<'_>) -> PyResult<[u16; JOINTS]> {
+        let pose = self.0.with(py, |arm| arm.save_park_pose(&ParkPoses::of_user()?))?;
+        Ok(pose.map(Position::ticks))
     }
 
     /// In millimetres.
@@ -227,6 +266,21 @@ impl LingPort {
             Ok((joints(state), extra(arm)))
         })
     }
+}
+
+/// The reading that decides, its extra bytes, and a text if it does not show the effect.
+fn shown(arm: &Ling, outcome: &Outcome) -> (Joints, Extra, Option<String>) {
+    let text = (!outcome.is_shown).then(|| format!("{}: {outcome}", arm.name()));
+    (joints(outcome.state), extra(arm), text)
+}
+
+/// The positions with these ticks.
+fn pose(ticks: [u16; JOINTS]) -> PyResult<[Position; JOINTS]> {
+    let mut pose = [Position::CENTRE; JOINTS];
+    for (position, ticks) in pose.iter_mut().zip(ticks) {
+        *position = Position::new(ticks).map_err(value_error)?;
+    }
+    Ok(pose)
 }
 
 /// The extra bytes of the last answer.

@@ -344,6 +344,33 @@ def test_disconnect_stops_and_switches_torque_as_configured(
     assert virtual.joints().status == (MotionStatus.IDLE if torque_off else MotionStatus.LOCKED)
 
 
+def test_disconnect_parks_the_arm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    with sim.ling(plant="typical") as virtual:
+        with armwire.Ling(virtual.port) as arm:
+            arm.set_torque(False)
+            saved = arm.save_park_pose()
+        robot = follower(virtual.port, tmp_path, park_on_disconnect=True)
+        robot.connect()
+        robot.send_action({**dict(zip(NAMES, [*saved, 0.0], strict=True)), "joint1.pos": 15.0})
+        wait_until(lambda: robot.get_observation()["joint1.pos"] > 5)
+        robot.disconnect()
+        assert virtual.joints().is_torque_off
+        assert max(abs(virtual.joints().joints_deg - saved)) < 5.8
+
+
+def test_arm_without_a_saved_pose_is_not_connected(
+    virtual: sim.VirtualLing, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    robot = follower(virtual.port, tmp_path, park_on_disconnect=True)
+    with pytest.raises(errors.DeviceNotConnectedError, match="no pose is saved"):
+        robot.connect()
+    assert not robot.is_connected
+    with pytest.raises(ValueError, match="exclude each other"):
+        follower(virtual.port, tmp_path, park_on_disconnect=True, disable_torque_on_disconnect=True)
+
+
 def test_disconnect_ends_the_stream_of_an_adapter(board: Path, tmp_path: Path) -> None:
     seen = []
     with armwire.Adapter(f"control:{board / 'control'}") as adapter:

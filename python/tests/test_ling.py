@@ -7,6 +7,7 @@ import time
 import tty
 import warnings
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -360,6 +361,54 @@ def test_signal_handler_cannot_block_the_call_it_interrupts() -> None:
         finally:
             signal.signal(signal.SIGALRM, before)
         assert arm.read_info().kind == "follower"
+
+
+@pytest.fixture
+def user(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The user's folder of configurations, empty."""
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+
+
+def test_parked_arm_lies_in_its_pose_without_torque(user: None) -> None:
+    with sim.ling(plant="typical") as virtual, armwire.Ling(virtual.port) as arm:
+        with pytest.raises(armwire.errors.RefusedError, match=r"no pose is saved .* save_park_pose\(\) saves it"):
+            arm.park()
+        assert virtual.joints().is_holding
+        with pytest.raises(armwire.errors.RefusedError, match="not saved: the torque is not off"):
+            arm.save_park_pose()
+        arm.set_torque(False)
+        saved = arm.save_park_pose()
+        np.testing.assert_array_equal(arm.read_park_pose_deg(), saved)
+        arm.set_torque(True)
+        go(arm, [10, -50, -50, 0, -20, -10])
+        assert arm.park().is_torque_off
+        np.testing.assert_allclose(virtual.joints().joints_deg, saved, atol=5.8)
+        with pytest.raises(armwire.errors.RefusedError, match="the torque is off"):
+            arm.park(joints_deg=[0] * 6)
+
+
+def test_parking_that_does_not_arrive_keeps_the_torque() -> None:
+    with sim.ling(plant="typical,obstacle=3:5deg") as virtual, armwire.Ling(virtual.port) as arm:
+        with pytest.raises(NotReachedError, match="joint 3 is .*; not parked, the arm holds its pose"):
+            arm.park(joints_deg=[0, 0, 20, 0, 0, 0])
+        assert virtual.joints().is_holding
+        assert virtual.joints().joints_deg[2] < 6
+
+
+def test_stop_of_another_call_ends_a_parking() -> None:
+    async def run() -> None:
+        with sim.ling(plant="typical") as virtual:
+            async with await aio.Ling.open(virtual.port) as arm:
+                parking = asyncio.create_task(arm.park(joints_deg=[90, 0, 0, 0, 0, 0]))
+                while (await arm.read_joints_deg())[0] < 2:
+                    await asyncio.sleep(0)
+                await arm.stop()
+                with pytest.raises(armwire.errors.RefusedError, match="another call stopped or moved the arm"):
+                    await parking
+            assert virtual.joints().is_holding
+            assert virtual.joints().joints_deg[0] < 60
+
+    asyncio.run(run())
 
 
 def test_plant_of_a_virtual_arm_lets_its_joints_sag() -> None:

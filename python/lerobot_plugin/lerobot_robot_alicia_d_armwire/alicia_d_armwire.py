@@ -75,6 +75,8 @@ class AliciaDArmwire(Robot):
                 info = self._arm.read_info()
                 if info.kind == "leader":
                     raise armwire.errors.WrongArmError(f"{self.config.port}: {info.serial} is a leader, not a follower")
+                if self.config.park_on_disconnect:
+                    self._arm.read_park_pose_deg()
                 for camera in self.cameras.values():
                     camera.connect()
                 self.configure()
@@ -142,7 +144,7 @@ class AliciaDArmwire(Robot):
         return {f"{name}.pos": value for name, value in goal.items()}
 
     def disconnect(self) -> None:
-        """Stop and close the arm, and close the cameras. The arm holds its pose if the torque stays on.
+        """Stop or park and close the arm, and close the cameras. The arm holds its pose if the torque stays on.
 
         At rest the stop ends the stream of actions at an adapter, which then keeps the torque on.
         """
@@ -155,6 +157,11 @@ class AliciaDArmwire(Robot):
                 self._stop()
             except armwire.ArmwireError as error:
                 logger.warning("%s was not stopped: %s", self, error)
+            if self.config.park_on_disconnect:
+                try:
+                    arm.park()
+                except armwire.ArmwireError as error:
+                    logger.warning("%s was not parked: %s", self, error)
             if self.config.disable_torque_on_disconnect:
                 try:
                     arm.set_torque(False)

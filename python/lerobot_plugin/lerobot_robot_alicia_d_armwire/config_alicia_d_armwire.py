@@ -29,6 +29,10 @@ class AliciaDArmwireConfig(RobotConfig, ArmConfig):
     """Time without an action after which the arm stops, in seconds. 0 disables it."""
     disable_torque_on_disconnect: bool = False
     """Switch the torque off on disconnect. The arm falls: hold it."""
+    park_on_disconnect: bool = False
+    """Go slowly to the pose that `armwire park --save` has saved for this arm, and switch the torque off there.
+
+    An arm without a saved pose cannot be connected then."""
     cameras: dict[str, CameraConfig] = field(default_factory=dict)
     """Cameras, as for other LeRobot robots."""
 
@@ -37,6 +41,8 @@ class AliciaDArmwireConfig(RobotConfig, ArmConfig):
         super().__post_init__()
         if not 4.4 <= self.speed_deg_s <= 439:
             raise ValueError(f"speed_deg_s is {self.speed_deg_s}, must be 4.4 to 439")
+        if self.park_on_disconnect and self.disable_torque_on_disconnect:
+            raise ValueError("park_on_disconnect and disable_torque_on_disconnect exclude each other")
         if not (self.action_timeout_s >= 0 and math.isfinite(self.action_timeout_s)):
             raise ValueError(f"action_timeout_s is {self.action_timeout_s}, must be 0 or more")
         self.check_reading("observation_max_age_s")

@@ -162,6 +162,8 @@ class Ling(Open):
     Move    `move_deg`, `move_rad`: the arm moves at once
             `wait_until_at_deg`, `wait_until_at_rad`
     Stop    `stop`: not an emergency stop
+            `park`: slowly to where the arm lies, then torque off
+            `save_park_pose`, `read_park_pose_deg`
     Set     `set_torque`, `set_zero`: the arm falls without torque
             `set_stroke_mm`, `set_temperature_limit_celsius`
     End     `close`, or the end of `with`
@@ -353,6 +355,60 @@ class Ling(Open):
         """Read until the arm is at rest with every joint at these angles in radians. See `wait_until_at_deg`."""
         return self._wait(lambda: self._begin_wait_rad(joints, within_rad, timeout_s))
 
+    def park(
+        self, *, joints_deg: ArrayLike | None = None, within_deg: float = 5.7, timeout_s: float = 60.0
+    ) -> JointState:
+        """Move the arm slowly to the pose in which it lies, and switch the torque off once it is at rest there.
+
+        The joints go at 20°/s at most, and arrive together; keep clear of them. The gripper keeps its goal until the
+        torque is off. Where the arm does not arrive it is stopped, and its torque stays on. Ctrl-C stops the arm, too,
+        says so on standard error, and raises `KeyboardInterrupt`.
+
+        Args:
+            joints_deg: Angles of joints 1 to 6 in degrees, -180 to 179.912. If omitted, they are those that
+                `save_park_pose` or `armwire park --save` has saved for this arm.
+            within_deg: The tolerance of a joint in degrees, 0.09 to 360: it falls by no more without torque.
+            timeout_s: The maximum time of the motion in seconds.
+
+        Returns:
+            The reading that shows the torque off.
+
+        Raises:
+            ValueError: An angle, the tolerance or the time-out is out of range; nothing is sent.
+            RefusedError: The torque is off, or no pose is saved: nothing is sent. Another call stopped or moved the
+                arm, or the adapter stopped it: the torque stays on.
+            NotReachedError: The arm did not arrive. It holds its pose, with its torque on.
+            NotStoppedError: It did not arrive, and may still move.
+        """
+        with self._stopped_by_ctrl_c():
+            parking = self._begin_parking(joints_deg, within_deg, timeout_s)
+            while (read := self._port.read_parking(parking)) is None:
+                time.sleep(PERIOD_S)
+        return switched(*read)
+
+    def save_park_pose(self) -> Floats:
+        """Save the pose of this arm, which lies without torque, under its serial number, for `park`.
+
+        The file is that of `armwire park --save`. Save it anew after `set_zero`.
+
+        Returns:
+            The angles of joints 1 to 6 in degrees.
+
+        Raises:
+            RefusedError: The torque is not off, or the arm is not at rest within 5 s.
+            PortError: The file cannot be written.
+        """
+        return floats(_armwire.ling_angles(self._port.save_park_pose(), DEG_PER_TICK))
+
+    def read_park_pose_deg(self) -> Floats:
+        """Return the pose that is saved for this arm: the angles of joints 1 to 6 in degrees.
+
+        Raises:
+            RefusedError: None is saved.
+            PortError: The file cannot be read.
+        """
+        return floats(_armwire.ling_angles(self._port.read_park_pose(), DEG_PER_TICK))
+
     def set_torque(self, on: bool) -> JointState:
         """Switch the torque and read it back, half a second at most. With torque off the arm falls: hold it.
 
@@ -398,6 +454,10 @@ class Ling(Open):
     def _begin_wait_rad(self, joints: ArrayLike, within: float, timeout_s: float) -> _armwire.LingWait:
         ticks = position_ticks(joints, RAD_PER_TICK, "rad")
         return self._port.wait(ticks, tolerance_ticks(within, RAD_PER_TICK, "rad"), seconds(timeout_s))
+
+    def _begin_parking(self, joints: ArrayLike | None, within: float, timeout_s: float) -> _armwire.LingParking:
+        ticks = None if joints is None else position_ticks(joints, DEG_PER_TICK, "degrees")
+        return self._port.start_parking(ticks, tolerance_ticks(within, DEG_PER_TICK, "degrees"), seconds(timeout_s))
 
     def _wait(self, begin: Callable[[], _armwire.LingWait]) -> JointState:
         with self._stopped_by_ctrl_c():

@@ -115,6 +115,8 @@ class Ling(_Async[_ling.Ling]):
     move_deg = _call(_ling.Ling.move_deg)
     move_rad = _call(_ling.Ling.move_rad)
     stop = _call(_ling.Ling.stop)
+    save_park_pose = _call(_ling.Ling.save_park_pose)
+    read_park_pose_deg = _call(_ling.Ling.read_park_pose_deg)
     set_stroke_mm = _call(_ling.Ling.set_stroke_mm)
     set_temperature_limit_celsius = _call(_ling.Ling.set_temperature_limit_celsius)
     line_errors = _call(_ling.Ling.line_errors)
@@ -133,6 +135,19 @@ class Ling(_Async[_ling.Ling]):
     ) -> _ling.JointState:
         """Wait for angles in radians. See `wait_until_at_deg`."""
         return await self._wait(lambda: self._blocking._begin_wait_rad(joints, within_rad, timeout_s))
+
+    async def park(
+        self, *, joints_deg: ArrayLike | None = None, within_deg: float = 5.7, timeout_s: float = 60.0
+    ) -> _ling.JointState:
+        """Park as `armwire.Ling.park`, and take turns with other calls.
+
+        A cancelled parking ends at once, with the torque on, and the arm moves on: `stop` ends its motion.
+        """
+        parking = await self._run(lambda: self._blocking._begin_parking(joints_deg, within_deg, timeout_s))
+        step = functools.partial(self._blocking._port.read_parking, parking)
+        while (read := await self._run(step)) is None:
+            await asyncio.sleep(_ling.PERIOD_S)
+        return _ling.switched(*read)
 
     async def set_torque(self, on: bool) -> _ling.JointState:
         """Switch the torque as `armwire.Ling.set_torque`, and take turns with other calls.
