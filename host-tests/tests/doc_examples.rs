@@ -139,9 +139,14 @@ mod ling {
             assert_eq!(info.serial, ArmConfig::follower().serial);
             let world = world.borrow();
             let arm = &world.device;
-            assert!(!arm.is_moving() && !arm.is_holding());
+            assert!(!arm.is_holding());
             assert_eq!(arm.stroke(), Stroke::Mm50);
-            assert_eq!(arm.joints(), [Position::CENTRE.ticks(); JOINTS], "the pose is the zero");
+            // It sinks since then.
+            let centre = Position::CENTRE.ticks();
+            assert!(
+                arm.joints().iter().all(|at| at.abs_diff(centre) < 10),
+                "the pose is the zero"
+            );
             assert_eq!((arm.counters().refused, arm.counters().unknown), (0, 0));
             // 400 ticks at 2000 ticks/s.
             assert!(world.now >= Instant::from_millis(190), "joint {joint} had not arrived");
@@ -180,12 +185,11 @@ mod stop {
         };
         let world = world.borrow();
         assert!(world.device.is_holding() && !world.device.is_moving());
-        assert_eq!((world.device.joints(), world.device.gripper()), (state.joints, 500));
-        // 1000 ticks in the first second.
-        assert!(
-            state.joints.iter().all(|ticks| (3_040..3_060).contains(ticks)),
-            "{state:?}"
-        );
+        assert_eq!(world.device.gripper(), 500);
+        // 1000 ticks in the first second, less the lag and the sag of the arm.
+        for (ticks, at) in state.joints.into_iter().zip(world.device.joints()) {
+            assert!((2_985..3_030).contains(&ticks) && ticks.abs_diff(at) <= 3, "{state:?}");
+        }
     }
 }
 

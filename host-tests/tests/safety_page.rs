@@ -4,7 +4,7 @@ use std::fs;
 use std::path::Path;
 
 /// The files of these tests.
-const TESTS: [&str; 48] = [
+const TESTS: [&str; 51] = [
     "bridge/src/tests/control.rs",
     "bridge/src/tests/delayed.rs",
     "bridge/src/tests/line_rate.rs",
@@ -15,6 +15,7 @@ const TESTS: [&str; 48] = [
     "bridge/src/tests/stop.rs",
     "cli/tests/program/adapter.rs",
     "cli/tests/program/foreign.rs",
+    "cli/tests/program/park.rs",
     "cli/tests/program/replay.rs",
     "cli/tests/program/signals.rs",
     "cli/tests/program/stop.rs",
@@ -26,6 +27,7 @@ const TESTS: [&str; 48] = [
     "host-tests/tests/image/recovery.rs",
     "host-tests/tests/image/start.rs",
     "host-tests/tests/image/stop.rs",
+    "host-tests/tests/image/stop_with_weight.rs",
     "host-tests/tests/image/teleop.rs",
     "host-tests/tests/stop_with_weight.rs",
     "host/src/motion/goal.rs",
@@ -33,6 +35,7 @@ const TESTS: [&str; 48] = [
     "host/src/motion/replay/motion.rs",
     "host/src/motion/trajectory.rs",
     "host/src/arm/ling.rs",
+    "host/src/arm/ling/park.rs",
     "host/src/arm/ling/wait.rs",
     "host/src/arm/stop.rs",
     "host/tests/ling.rs",

@@ -25,7 +25,7 @@
 //! joints[5] = (Position::from_radians(0.1)?, Speed::new(300)?);
 //! let target = Move { joints, gripper: (pose.opening()?, GripperSpeed(1000)) };
 //! let reached = arm.move_and_wait(&target, Tolerances::MOVE, Duration::from_secs(10))?;
-//! assert!(target.deviations(&reached).are_small());
+//! assert_eq!(target.away(&reached, &Tolerances::MOVE), None);
 //! # Ok(())
 //! # })();
 //! # stop.store(true, Ordering::Relaxed);

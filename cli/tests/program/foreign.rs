@@ -8,7 +8,7 @@ use armwire::ling::{
 use armwire::messages::Messages;
 use armwire::{Device, DeviceEvent};
 
-use crate::common::{Arm, NO_ANSWER, failure, retry_while, run_against, success};
+use crate::common::{Arm, NO_ANSWER, angles, failure, retry_while, run_against};
 
 /// The answer of the vendor's two-armed robot to a request for joints.
 const BESSICA: &[u8] = include_bytes!("../bessica.bin");
@@ -110,12 +110,11 @@ fn another_robot_is_no_follower() {
 #[test]
 fn another_robot_is_no_leader() {
     let follower = Arm::start("ling", "foreign-follower", &[]);
-    let before = success(&["call", "ling", &follower.port, "read-joints"]);
     let (output, motion) = run_at_kind(b"ADLS251205123456", BESSICA, &["teleop", "PORT", &follower.port]);
     let line = failure(&output);
     assert!(line.ends_with(REFUSED), "{line}");
     assert_eq!(motion, []);
-    assert_eq!(success(&["call", "ling", &follower.port, "read-joints"]), before);
+    assert!(angles(&follower.port).iter().all(|angle| angle.abs() < 1.5), "it moves");
 }
 
 #[test]

@@ -19,7 +19,7 @@ fn rows(out: &str) -> Vec<serde_json::Value> {
 
 #[test]
 fn csv_names_have_units() {
-    let arm = Arm::start("ling", "csv", &[]);
+    let arm = Arm::start("ling", "csv", &["--plant", "ideal"]);
     let out = success(&["monitor", &arm.port, "--rate", "200", "--csv", "--count", "3"]);
     let lines: Vec<_> = out.lines().collect();
     assert_eq!(

@@ -57,7 +57,7 @@ fn assert_near(arm: &Arm, pose: &[f64]) {
 
 #[test]
 fn parked_arm_lies_in_its_pose_without_torque() {
-    let arm = Arm::start("ling", "park", &["--plant", "typical"]);
+    let arm = Arm::start("ling", "park", &[]);
     // The joints that have weight hang there.
     let out = User::new("park-user").success(&[&arm.port, "--pose", "20,-75,-70,0,-45,-20"]);
     assert!(
@@ -85,7 +85,7 @@ fn arm_that_does_not_arrive_keeps_its_torque() {
 fn saved_pose_belongs_to_its_arm() {
     let user = User::new("park-save");
     let [arm, other] = [("ADFS250000000001", "park-1"), ("ADFS250000000002", "park-2")]
-        .map(|(serial, name)| Arm::start("ling", name, &["--plant", "typical", "--serial", serial]));
+        .map(|(serial, name)| Arm::start("ling", name, &["--serial", serial]));
     let refused = failure(&user.park(&[&arm.port, "--save"]));
     assert!(
         refused.ends_with("only without it is shown that the arm lies"),

@@ -41,7 +41,11 @@ fn joints(joint: u16, gripper: u16) -> Vec<u8> {
 
 #[test]
 fn info_shows_the_arm_and_its_state() {
-    let arm = Arm::start("ling", "info", &["--stroke", "100", "--serial", "ADFS990101000001"]);
+    let arm = Arm::start(
+        "ling",
+        "info",
+        &["--plant", "ideal", "--stroke", "100", "--serial", "ADFS990101000001"],
+    );
     let out = success(&["info", &arm.port]);
     for line in [
         "arm              Ling follower",
@@ -86,7 +90,7 @@ fn info_repeats_damaged_requests_and_reports_the_damage() {
 
 #[test]
 fn monitor_prints_the_requested_number_of_readings() {
-    let arm = Arm::start("ling", "monitor", &[]);
+    let arm = Arm::start("ling", "monitor", &["--plant", "ideal"]);
     let out = success(&["monitor", &arm.port, "--rate", "200", "--count", "5"]);
     assert_eq!(out.lines().count(), 5);
     assert!(

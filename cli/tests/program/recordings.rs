@@ -77,7 +77,7 @@ fn times(entries: &[(String, String)]) -> Vec<u64> {
 
 #[test]
 fn monitor_records_both_directions() {
-    let arm = Arm::start("ling", "recorded", &[]);
+    let arm = Arm::start("ling", "recorded", &["--plant", "ideal"]);
     let recording = Recording::new();
     let output = recording.record(&[&arm.port, "--rate", "200", "--count", "3", "--json"]);
     assert_eq!(output.stdout.iter().filter(|&&byte| byte == b'\n').count(), 3);

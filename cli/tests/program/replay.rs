@@ -182,10 +182,10 @@ fn joint_states_of_others_are_replayed() {
         out.starts_with("0.2 s of /arm (5 joint states)\ntracking error of joints 1 to 6, in "),
         "{out}"
     );
+    // 0.04 rad are 2.29°, and 20 mm are 40 % of 50 mm.
+    assert_joints_near(&arm, 2.29, 1.3);
     let joints = success(&["call", "ling", &arm.port, "read-joints"]);
-    // 0.04 rad are 26 ticks, and 20 mm are 40 % of 50 mm.
-    let pose = "joints: +2.29° +2.29° +2.29° +2.29° +2.29° +2.29°, gripper: 40.0 % open, status: locked";
-    assert_eq!(joints.trim(), pose);
+    assert!(joints.ends_with("gripper: 40.0 % open, status: locked\n"), "{joints}");
 }
 
 #[test]
@@ -195,7 +195,7 @@ fn recorded_goals_are_replayed_with_their_grip() {
         (&[][..], "+8.79°", "30.0 %", ""),
         (&["--readings"], "+7.91°", "50.0 %", "they carry no grip force"),
     ] {
-        let arm = Arm::start("ling", "replay-goals", &[]);
+        let arm = Arm::start("ling", "replay-goals", &["--plant", "ideal"]);
         let output = recording.replay(&[&[&*arm.port], option].concat());
         assert!(output.status.success(), "{output:?}");
         let stderr = String::from_utf8(output.stderr).unwrap();
@@ -257,7 +257,7 @@ fn unsorted_recording_is_replayed_in_order() {
         .map(|n| (n * 10, [0.005 * f64::from(n); 6]))
         .collect();
     let recording = Recording::joint_states(&NAMES[..6], &poses);
-    let arm = Arm::start("ling", "replay-unsorted", &["--plant", "typical"]);
+    let arm = Arm::start("ling", "replay-unsorted", &[]);
     let output = recording.replay(&[&arm.port]);
     assert!(output.status.success(), "{output:?}");
     let stderr = String::from_utf8(output.stderr).unwrap();
@@ -268,7 +268,7 @@ fn unsorted_recording_is_replayed_in_order() {
     );
     let out = String::from_utf8(output.stdout).unwrap();
     assert!(out.starts_with("2.0 s of /arm (201 joint states)\n"), "{out}");
-    assert_joints_near(&arm, 57.3);
+    assert_joints_near(&arm, 57.3, 5.73);
 }
 
 #[test]
@@ -294,18 +294,21 @@ fn rate_too_slow_for_the_motion_is_refused_without_the_arm() {
 
 #[test]
 fn replay_ends_at_the_last_pose() {
-    let arm = Arm::start("ling", "replay-end", &["--plant", "typical"]);
+    let arm = Arm::start("ling", "replay-end", &[]);
     let output = fast().replay(&[&arm.port, "--rate", "40"]);
     assert!(output.status.success(), "{output:?}");
     let out = String::from_utf8(output.stdout).unwrap();
     assert!(out.lines().last().unwrap().starts_with("  at rest  0."), "{out}");
-    assert_joints_near(&arm, 148.97);
+    assert_joints_near(&arm, 148.97, 5.73);
 }
 
-/// Asserts that the joints are within 0.1 rad of this angle in degrees.
-fn assert_joints_near(arm: &Arm, degrees: f64) {
+/// Asserts that the joints are within this distance of this angle, in degrees.
+fn assert_joints_near(arm: &Arm, degrees: f64, within: f64) {
     let angles = angles(&arm.port);
-    assert!(angles.iter().all(|angle| (angle - degrees).abs() < 5.73), "{angles:?}");
+    assert!(
+        angles.iter().all(|angle| (angle - degrees).abs() < within),
+        "{angles:?}"
+    );
 }
 
 #[test]

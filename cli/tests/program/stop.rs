@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use armwire::ling::arrival::Tolerances;
 use armwire::ling::stop::{Grip, Stopped};
-use armwire::ling::{GripperSpeed, JointState, Move, Opening, Position, Speed};
+use armwire::ling::{GripperSpeed, JointState, Move, Opening, Position, Rest, Speed};
 use armwire_bridge::control::Initiator;
 use armwire_host::{Error, Ling, Port};
 use armwire_sim::pty::Pty;
@@ -37,6 +37,13 @@ fn read(arm: &mut Ling) -> JointState {
     }
 }
 
+/// Asserts that the arm has not moved between two readings.
+fn assert_at_rest(before: &JointState, after: &JointState) {
+    let mut pairs = before.joints.iter().zip(after.joints);
+    let is_at_rest = pairs.all(|(before, after)| before.abs_diff(after) <= Rest::TOLERANCE);
+    assert!(is_at_rest, "it still moves: {before:?} {after:?}");
+}
+
 /// A move that takes half a minute.
 fn far_target() -> Move {
     Move {
@@ -52,7 +59,7 @@ fn stopped_arm_rests_between_start_and_target() {
         let mut arm = open(&virtual_arm.port);
         let start = read(&mut arm);
         arm.move_to(&far_target()).unwrap();
-        while read(&mut arm).joints == start.joints {}
+        while read(&mut arm).joints[0] < start.joints[0] + 3 {}
         if !is_known {
             drop(arm);
             arm = open(&virtual_arm.port);
@@ -61,9 +68,12 @@ fn stopped_arm_rests_between_start_and_target() {
             panic!("its torque is on");
         };
         assert_eq!(held, grip);
-        assert_eq!(read(&mut arm).joints, state.joints, "it still moves");
-        let between = start.joints[0] + 1..4_000;
-        assert!(state.joints.iter().all(|ticks| between.contains(ticks)), "{state:?}");
+        assert_at_rest(&state, &read(&mut arm));
+        for (start, ticks) in start.joints.into_iter().zip(state.joints) {
+            // A stop without a known goal costs one sag.
+            assert!((start - 12..4_000).contains(&ticks), "{state:?}");
+        }
+        assert!(state.joints[0] > start.joints[0], "{state:?}");
     }
 }
 
@@ -126,9 +136,10 @@ fn stop_holds_the_pose_and_warns_of_the_grip() {
         .map(|text| String::from_utf8(text).unwrap())
         .into();
     assert!(output.status.success(), "{error}");
-    assert_eq!(out, format!("stopped: {}", joints(&arm.port)));
+    let later = first_joint(&joints(&arm.port));
+    assert!((first_joint(&out) - later).abs() < 0.3, "it still moves: {out} {later}");
     assert!(
-        (0.1..160.0).contains(&first_joint(&out)) && out.ends_with("status: locked\n"),
+        (0.1..160.0).contains(&first_joint(&out)) && out.contains("status: locked"),
         "{out}"
     );
     assert!(
@@ -152,11 +163,8 @@ fn arm_without_torque_is_sent_nothing() {
     let arm = Arm::start("ling", "stop-limp", &[]);
     success(&["torque", &arm.port, "off", "--yes"]);
     let out = success(&["stop", &arm.port]);
-    assert_eq!(
-        out,
-        format!("the torque is off, so nothing was sent: {}", joints(&arm.port))
-    );
-    assert!(out.ends_with("status: idle\n"), "{out}");
+    let start = "the torque is off, so nothing was sent: joints: ";
+    assert!(out.starts_with(start) && out.ends_with("status: idle\n"), "{out}");
     let counts = arm.stop(Signal::INT);
     assert!(counts.contains(" answered, 0 refused)"), "{counts}");
 }
@@ -252,7 +260,7 @@ fn stop_ends_the_stream_at_an_adapter() {
     let save = || run(&["config", &board.control, "save"]);
     assert!(failure(&save()).contains("refused while a host streams motion"));
     let out = success(&["stop", &board.port, "--gripper", "0"]);
-    assert!(out.ends_with("status: locked\n"), "{out}");
+    assert!(out.contains("status: locked"), "{out}");
     assert!(save().status.success());
 }
 
@@ -274,7 +282,11 @@ fn adapter_stops_the_arm_while_its_port_is_in_use() {
         (0.1..160.0).contains(&first_joint(&pose)) && pose.ends_with("status: locked\n"),
         "{pose}"
     );
-    assert_eq!(first_joint(&joints(&board.port)), first_joint(&pose), "it still moves");
+    let later = first_joint(&joints(&board.port));
+    assert!(
+        (later - first_joint(&pose)).abs() < 0.3,
+        "it still moves: {later} {pose}"
+    );
 }
 
 #[test]

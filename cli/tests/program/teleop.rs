@@ -16,7 +16,7 @@ use rustix::process::{Pid, Signal, kill_process};
 
 use crate::common::terminal::Terminal;
 use crate::common::{
-    Arm, NO_ANSWER, PROGRAM, TIMEOUT, failure, finish, free_path, retry_while, run, start, success, usage,
+    Arm, NO_ANSWER, PROGRAM, TIMEOUT, angles, failure, finish, free_path, retry_while, run, start, success, usage,
 };
 
 /// A virtual arm on a pty, in real time.
@@ -185,7 +185,8 @@ fn lost_leader_stops_the_follower_until_it_is_near() {
         "{out}"
     );
     pair.follower.arm.advance(time::Instant::from_micros(u64::MAX / 2));
-    assert_eq!(pair.follower.arm.joints(), [2_048; 6]);
+    let joints = pair.follower.arm.joints();
+    assert!(joints.iter().all(|&at| (2_034..2_052).contains(&at)), "{joints:?}");
 }
 
 #[test]
@@ -261,7 +262,7 @@ fn unplugged_leader_is_named() {
     let mut wait_for = |text: &str| out.any(|line| line.unwrap().contains(text));
     assert!(wait_for("following"));
     let port = leader.port.clone();
-    leader.kill();
+    drop(leader);
     assert!(wait_for("no pose of the leader for "));
     assert!(wait_for("waiting until both arms are within 5°"));
     let leader = Arm::start_at("ling", Path::new(&port), &["--leader"]);
@@ -276,7 +277,7 @@ fn unplugged_leader_is_named() {
 /// Teleoperation whose follower has just become silent. Returns the lines of the program that follow, and all arms.
 fn with_silent_follower() -> (Child, impl FnMut(&str) -> String, [Arm; 2]) {
     let leader = Arm::start("ling", "teleop-silent", &["--leader"]);
-    let follower = Arm::start("ling", "teleop-silent", &["--plant", "lag=40ms,friction=3"]);
+    let follower = Arm::start("ling", "teleop-silent", &[]);
     let mut child = start(Command::new(PROGRAM).args(["teleop", &leader.port, &follower.port]));
     let mut out = BufReader::new(child.stdout.take().unwrap()).lines();
     let mut line_with = move |text: &str| {
@@ -302,9 +303,9 @@ fn silent_follower_is_waited_for() {
     line_with(" s: moves ");
     let output = finish(child);
     assert!(output.status.success() && output.stderr.is_empty(), "{output:?}");
-    let joints = success(&["call", "ling", &follower.port, "read-joints"]);
-    let pose = "joints: +0.00° +0.00° +0.00° +0.00° +0.00° +0.00°, gripper: 0.0 % open, status: locked";
-    assert_eq!(joints.trim(), pose);
+    let angles = angles(&follower.port);
+    // A stop costs one sag, of 0.9°.
+    assert!(angles.iter().all(|angle| (-3.0..0.3).contains(angle)), "{angles:?}");
     drop(leader);
 }
 

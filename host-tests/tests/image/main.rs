@@ -22,6 +22,7 @@ mod recovery;
 mod selftest;
 mod start;
 mod stop;
+mod stop_with_weight;
 mod teleop;
 mod trace;
 mod usb;

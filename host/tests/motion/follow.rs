@@ -36,8 +36,13 @@ impl Pair {
             plant,
             ..Config::follower()
         };
+        // The hand is exact.
+        let leader = Config {
+            plant: Plant::IDEAL,
+            ..Config::leader()
+        };
         Self {
-            leader: Arm::new(Config::leader(), rates, 3),
+            leader: Arm::new(leader, rates, 3),
             follower: Arm::new(follower, rates, 4),
             follow: Follow::new(Limits::FOLLOW, start, Rate::MOVES).unwrap(),
             now: Instant::ZERO,

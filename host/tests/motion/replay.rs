@@ -23,7 +23,12 @@ fn recorded() -> &'static [Point] {
 }
 
 fn record() -> Vec<Point> {
-    let mut arm = Arm::new(Config::leader(), NOISY, 1);
+    // The hand is exact.
+    let leader = Config {
+        plant: Plant::IDEAL,
+        ..Config::leader()
+    };
+    let mut arm = Arm::new(leader, NOISY, 1);
     let mut points = Vec::new();
     let mut now = Instant::ZERO;
     while now <= Instant::from_millis(20_000) {

@@ -93,7 +93,7 @@ impl Plant {
     };
 
     /// The plant of every arm that states none.
-    pub const DEFAULT: Self = Self::IDEAL;
+    pub const DEFAULT: Self = Self::TYPICAL;
 
     /// The words of a text.
     pub const WORDS: &str = "ideal, typical, sag=TICKS, lag=TIMEms, overshoot=PERCENT%, friction=TICKS, \

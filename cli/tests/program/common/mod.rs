@@ -11,6 +11,7 @@ use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdout, Command, Output, Stdio};
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::mpsc;
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -22,16 +23,16 @@ pub(crate) const PROGRAM: &str = env!("CARGO_BIN_EXE_armwire");
 pub(crate) const TIMEOUT: Duration = Duration::from_secs(30);
 
 /// Waits for the end of a program. Kills it on timeout.
-pub(crate) fn finish(mut child: Child) -> Output {
-    let deadline = Instant::now() + TIMEOUT;
-    while child.try_wait().unwrap().is_none() {
-        if Instant::now() > deadline {
-            child.kill().unwrap();
-            panic!("it hangs: {:?}", child.wait_with_output());
-        }
-        thread::sleep(Duration::from_millis(5));
-    }
-    child.wait_with_output().unwrap()
+pub(crate) fn finish(child: Child) -> Output {
+    let pid = Pid::from_child(&child);
+    let (sender, ended) = mpsc::channel();
+    // It reads all along: a program that prints much would wait for that.
+    thread::spawn(move || sender.send(child.wait_with_output()));
+    let output = ended.recv_timeout(TIMEOUT).unwrap_or_else(|_| {
+        kill_process(pid, Signal::KILL).unwrap();
+        panic!("it hangs: {:?}", ended.recv());
+    });
+    output.unwrap()
 }
 
 pub(crate) fn start(command: &mut Command) -> Child {
@@ -175,14 +176,14 @@ impl Arm {
 
 impl Drop for Arm {
     fn drop(&mut self) {
+        // The link goes first: another test may get the pty, and a program that waits for this arm would open it.
+        if !self.port.is_empty() {
+            let _ = fs::remove_file(&self.port);
+            let _ = fs::remove_file(format!("{}.lock", self.port));
+        }
         // Both fail if the program has ended.
         let _ = self.child.kill();
         let _ = self.child.wait();
-        if self.port.is_empty() {
-            return;
-        }
-        let _ = fs::remove_file(&self.port);
-        let _ = fs::remove_file(format!("{}.lock", self.port));
     }
 }
 

@@ -7,6 +7,9 @@ use super::*;
 use crate::log::Event as Logged;
 use crate::virtual_arm::VirtualArm;
 
+/// The largest distance of a joint at rest from its goal, in ticks: by its load, and by friction.
+const SAG: u16 = 15;
+
 /// A session and a virtual arm, in virtual time.
 struct Bench {
     session: Session,
@@ -38,6 +41,16 @@ impl Bench {
         bench.run(500);
         assert_eq!(bench.session.block(bench.now), None);
         bench
+    }
+
+    /// Asserts that the arm is held at this pose.
+    fn assert_holds(&self, pose: [Position; JOINTS]) {
+        let joints = self.arm.arm().joints();
+        let mut pairs = pose.iter().zip(joints);
+        assert!(
+            pairs.all(|(goal, at)| goal.ticks().abs_diff(at) <= SAG),
+            "{pose:?} {joints:?}"
+        );
     }
 
     /// Advances the time, in milliseconds: the resolution of a page's timers.
@@ -166,7 +179,8 @@ fn held_axis_moves_and_released_one_stops() {
     bench.run(1_000);
     let overshoot = bench.joint(0).abs_diff(at_release);
     assert!(overshoot <= 30, "{overshoot} ticks at 1000 ticks/s");
-    assert_eq!(bench.arm.arm().joints()[1..], [2048; JOINTS - 1]);
+    let others = &bench.arm.arm().joints()[1..];
+    assert!(others.iter().all(|at| at.abs_diff(2_048) <= SAG), "{others:?}");
 }
 
 #[test]
@@ -179,7 +193,7 @@ fn stop_is_one_target_and_torque_on() {
     bench.run(500);
     let poses = bench.poses(released);
     assert_eq!((poses.len(), bench.count(released, 0x05, 0x00)), (1, 1));
-    assert_eq!(poses[0].map(Position::ticks), bench.arm.arm().joints());
+    bench.assert_holds(poses[0]);
     assert!(bench.arm.arm().is_holding());
 }
 
@@ -203,7 +217,7 @@ fn stop_ends_a_motion_that_no_axis_holds() {
     assert_eq!(bench.session.stop_state(), StopState::GripMayLoosen);
     let poses = bench.poses(begin);
     assert_eq!((poses.len(), bench.count(begin, 0x05, 0x00)), (1, 1));
-    assert_eq!(poses[0].map(Position::ticks), bench.arm.arm().joints());
+    bench.assert_holds(poses[0]);
 }
 
 #[test]
@@ -264,7 +278,8 @@ fn arm_stops_within_one_lookahead_of_lost_host() {
     let at_end = bench.joint(0);
     bench.now += Duration::from_millis(5_000);
     bench.arm.transmit(bench.now, &mut [0; 64]);
-    assert!(bench.joint(0) - at_end <= 100 + 1, "{}", bench.joint(0) - at_end);
+    // The arm lags by 40 ticks.
+    assert!(bench.joint(0) - at_end <= 100 + 41, "{}", bench.joint(0) - at_end);
     assert!(!bench.arm.arm().is_moving());
 }
 
@@ -455,7 +470,7 @@ fn disabling_motion_stops_the_arm() {
     bench.run(500);
     let poses = bench.poses(disabled);
     assert_eq!(poses.len(), 1);
-    assert_eq!(poses[0].map(Position::ticks), bench.arm.arm().joints());
+    bench.assert_holds(poses[0]);
     assert!(!bench.arm.arm().is_moving());
 }
 
