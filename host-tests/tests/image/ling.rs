@@ -3,12 +3,13 @@
 use armwire::ling::*;
 use armwire_bridge::Duration;
 use armwire_host_tests::image::{MEGABAUD, Program, on_board, plug_in};
-use armwire_sim::ling::{Config, LingArm};
+use armwire_sim::ling::{Config, LingArm, Plant};
 use armwire_virtual_board::VirtualBoard;
 
-/// A program at the open port of an adapter, with `config`'s arm.
+/// A program at the open port of an adapter, with `config`'s arm. Its readings are exact.
 fn session(config: Config, test: impl FnOnce(&mut VirtualBoard<LingArm>, &mut Program)) {
-    on_board(LingArm::new(config), |board| {
+    let plant = Plant::IDEAL;
+    on_board(LingArm::new(Config { plant, ..config }), |board| {
         plug_in(board, MEGABAUD);
         test(board, &mut Program::default());
     });

@@ -19,6 +19,9 @@ use armwire_virtual_board::{Nanos, VirtualBoard};
 const STOP: [u8; 2] = [7, 15];
 const DONE: [u8; 3] = [0, 7, 0];
 
+/// The distance by which a joint sinks to its rest, in ticks.
+const SAG: u16 = 12;
+
 const fn millis(millis: u64) -> Nanos {
     Nanos::from_millis(millis)
 }
@@ -88,7 +91,11 @@ fn stop_ends_all_motion_for_two_seconds() {
             let pose = board.with_arm(|arm| arm.joints());
             while board.now() + millis(40) < stopped + millis(STOP_MS.into()) {
                 stream(board, &mut program);
-                assert_eq!(board.with_arm(|arm| arm.joints()), pose);
+                let joints = board.with_arm(|arm| arm.joints());
+                assert!(
+                    joints.iter().zip(pose).all(|(at, pose)| at.abs_diff(pose) <= SAG),
+                    "{joints:?}"
+                );
             }
             // The gripper has its last goal.
             assert_eq!(board.with_arm(|arm| (arm.gripper(), arm.is_holding())), (300, true));

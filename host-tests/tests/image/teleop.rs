@@ -17,7 +17,7 @@ use armwire_host::{Limits, Rate};
 use armwire_host_tests::image::requests::frame;
 use armwire_host_tests::image::{Control, MEGABAUD, on_board, plug_in};
 use armwire_sim::faults::{Line, Rates};
-use armwire_sim::ling::{Config, LingArm};
+use armwire_sim::ling::{Config, LingArm, Plant};
 use armwire_virtual_board::VirtualBoard;
 
 const PERIOD: Duration = Duration::from_millis(10);
@@ -122,7 +122,11 @@ struct Pair<'a> {
 
 /// Runs a test with two boards, whose lines have these faults.
 fn on_pair<R>(rates: Rates, test: impl FnOnce(&mut Pair<'_>) -> R) -> R {
-    let arm = |config, seed| Line::new(LingArm::new(config), rates, rates, seed);
+    // What the images and the lines add is measured: the arms add nothing.
+    let arm = |config, seed| {
+        let plant = Plant::IDEAL;
+        Line::new(LingArm::new(Config { plant, ..config }), rates, rates, seed)
+    };
     on_board(arm(Config::leader(), 3), |leader| {
         on_board(arm(Config::follower(), 4), |follower| {
             let mut follower = Side::new(follower);
