@@ -13,8 +13,8 @@ from armwire import sim
 
 @pytest.fixture
 def virtual() -> Iterator[sim.VirtualLing]:
-    """A virtual follower."""
-    with sim.ling() as virtual:
+    """A virtual follower, whose joints are exactly where they are sent."""
+    with sim.ling(plant="ideal") as virtual:
         yield virtual
 
 

@@ -2,6 +2,8 @@ import asyncio
 import inspect
 import time
 from collections.abc import Callable
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -21,7 +23,7 @@ def test_arm_moves_while_another_task_runs() -> None:
                 await asyncio.sleep(0.001)
                 turns += 1
 
-        with sim.ling() as virtual:
+        with sim.ling(plant="ideal") as virtual:
             async with await aio.Ling.open(virtual.port) as arm:
                 task = asyncio.create_task(turn())
                 await arm.move_deg([10] * 6, gripper_permille=0, speed_deg_s=100)
@@ -35,7 +37,7 @@ def test_arm_moves_while_another_task_runs() -> None:
 
 def test_calls_of_many_tasks_are_serialised() -> None:
     async def run() -> None:
-        with sim.ling() as virtual:
+        with sim.ling(plant="ideal") as virtual:
             async with await aio.Ling.open(virtual.port) as arm:
                 states = await asyncio.gather(*(arm.read_joints() for _ in range(50)))
                 assert {state.ticks for state in states} == {(2048,) * 6}
@@ -45,7 +47,7 @@ def test_calls_of_many_tasks_are_serialised() -> None:
 
 def test_cancelled_call_leaves_the_arm_usable() -> None:
     async def run() -> None:
-        with sim.ling(turnaround_us=50_000) as virtual:
+        with sim.ling(plant="ideal", turnaround_us=50_000) as virtual:
             async with await aio.Ling.open(virtual.port) as arm:
                 for _ in range(3):
                     with pytest.raises(asyncio.TimeoutError):
@@ -57,7 +59,7 @@ def test_cancelled_call_leaves_the_arm_usable() -> None:
 
 def test_calls_take_their_turn_during_a_wait() -> None:
     async def run() -> None:
-        with sim.ling() as virtual:
+        with sim.ling(plant="ideal") as virtual:
             async with await aio.Ling.open(virtual.port) as arm:
                 await arm.move_deg([90] * 6, gripper_permille=0, speed_deg_s=5)
                 wait = asyncio.create_task(arm.wait_until_at_deg([90] * 6, timeout_s=10))
@@ -91,7 +93,7 @@ def test_calls_take_their_turn_while_the_torque_is_read_back() -> None:
 @pytest.mark.parametrize("timeout_s", [float("nan"), float("inf"), -0.1])
 def test_wait_refuses_an_unusable_timeout(timeout_s: float) -> None:
     async def run() -> None:
-        with sim.ling() as virtual:
+        with sim.ling(plant="ideal") as virtual:
             async with await aio.Ling.open(virtual.port) as arm:
                 with pytest.raises(ValueError, match="must be 0 or more, and finite"):
                     await arm.wait_until_at_deg([0] * 6, timeout_s=timeout_s)
@@ -160,9 +162,14 @@ LING: dict[str, tuple[Any, ...]] = {
     "set_temperature_limit_celsius": (60,),
     "set_torque": (True,),
     "stop": (),
+    # It ends without torque.
+    "park": (),
+    "save_park_pose": (),
+    "read_park_pose_deg": (),
     "set_zero": (),
 }
 KEYWORDS: dict[str, dict[str, Any]] = {
+    "park": {"joints_deg": [0] * 6},
     "move_deg": {"gripper_permille": 0, "speed_deg_s": 10},
     "move_rad": {"gripper_permille": 0, "speed_rad_s": 0.2},
     "act": {"time_s": 0.1, "interval_s": 0.1},
@@ -207,14 +214,21 @@ SERVOS: dict[str, tuple[Any, ...]] = {
 @pytest.mark.parametrize(
     ("make", "name", "calls"),
     [
-        (sim.ling, "Ling", LING),
+        (partial(sim.ling, plant="ideal"), "Ling", LING),
         (sim.xarm, "XArm", XARM),
         (sim.xarm, "XArm", XARM_OFF),
         (sim.alpha1, "Alpha1", ALPHA1),
         (sim.alpha1_servos, "Alpha1", SERVOS),
     ],
 )
-def test_variant_returns_the_same(make: Callable[[], Any], name: str, calls: dict[str, tuple[Any, ...]]) -> None:
+def test_variant_returns_the_same(
+    make: Callable[[], Any],
+    name: str,
+    calls: dict[str, tuple[Any, ...]],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
     with make() as virtual, getattr(armwire, name)(virtual.port) as arm:
         expected = [
             (method, repr(getattr(arm, method)(*args, **KEYWORDS.get(method, {})))) for method, args in calls.items()
@@ -240,7 +254,7 @@ def test_every_arms_variant_is_called() -> None:
 
 def test_late_arm_does_not_block_the_loop() -> None:
     async def run() -> float:
-        with sim.ling(turnaround_us=400_000) as virtual:
+        with sim.ling(plant="ideal", turnaround_us=400_000) as virtual:
             async with await aio.Ling.open(virtual.port) as arm:
                 call = asyncio.create_task(arm.read_joints())
                 worst, last = 0.0, time.monotonic()

@@ -74,7 +74,7 @@ def test_ctrl_c_in_move_stops_the_arm(virtual: sim.VirtualLing) -> None:
 
 
 def test_ctrl_c_in_follow_stops_the_arm(virtual: sim.VirtualLing) -> None:
-    with sim.ling(leader=True) as leader:
+    with sim.ling(plant="ideal", leader=True) as leader:
         leader.push_joints_deg([170] * 6)
         interrupted(virtual, "follow.py", leader.port, virtual.port, "30")
     assert_rests(virtual)
@@ -86,7 +86,7 @@ def test_script_for_the_sdk_runs(virtual: sim.VirtualLing) -> None:
 
 
 def test_follower_follows(virtual: sim.VirtualLing) -> None:
-    with sim.ling(leader=True) as leader:
+    with sim.ling(plant="ideal", leader=True) as leader:
         leader.push_joints_deg([10, -20, 30, 0, 45, -60])
         example("follow.py", leader.port, virtual.port, "2")
         np.testing.assert_array_equal(virtual.joints().ticks, leader.joints().ticks)

@@ -33,7 +33,7 @@ POSE = [10.0, -20.0, 30.0, 0.0, 45.0, -90.0]
     ids=["drop", "corrupt", "duplicate", "delay", "noise", "all"],
 )
 def test_faults_never_produce_a_wrong_value(faults: sim.Faults) -> None:
-    with sim.ling(leader=True, turnaround_us=0, seed=7) as virtual, armwire.Ling(virtual.port) as arm:
+    with sim.ling(plant="ideal", leader=True, turnaround_us=0, seed=7) as virtual, armwire.Ling(virtual.port) as arm:
         virtual.push_joints_deg(POSE)
         virtual.push_gripper_permille(321)
         truth = virtual.joints()
@@ -58,7 +58,7 @@ def test_faults_never_produce_a_wrong_value(faults: sim.Faults) -> None:
 
 
 def test_call_ends_if_every_byte_is_dropped() -> None:
-    with sim.ling() as virtual, armwire.Ling(virtual.port) as arm:
+    with sim.ling(plant="ideal") as virtual, armwire.Ling(virtual.port) as arm:
         virtual.set_faults(sim.Faults(drop=1_000_000))
         begun = time.monotonic()
         with pytest.raises(errors.AbsentError):
@@ -75,7 +75,7 @@ def test_unplugged_port_is_lost_and_stays_lost(virtual: sim.VirtualLing, arm: ar
 
 
 def test_port_lost_in_a_call_ends_the_call() -> None:
-    with sim.ling(turnaround_us=2_000_000) as virtual, armwire.Ling(virtual.port) as arm:
+    with sim.ling(plant="ideal", turnaround_us=2_000_000) as virtual, armwire.Ling(virtual.port) as arm:
         timer = threading.Timer(0.05, virtual.close)
         timer.start()
         begun = time.monotonic()
@@ -117,7 +117,7 @@ def test_handled_signal_does_not_end_a_call() -> None:
     handled: list[int] = []
     before = signal.signal(signal.SIGALRM, lambda number, frame: handled.append(number))
     try:
-        with sim.ling(turnaround_us=40_000) as virtual, armwire.Ling(virtual.port) as arm:
+        with sim.ling(plant="ideal", turnaround_us=40_000) as virtual, armwire.Ling(virtual.port) as arm:
             signal.setitimer(signal.ITIMER_REAL, 0.01, 0.01)
             for _ in range(20):
                 assert arm.read_joints().ticks == (2048,) * 6
@@ -132,7 +132,7 @@ def test_command_is_in_the_package() -> None:
         program = [sys.executable, "-c", "from armwire._command import main; main()"]
         return subprocess.run([*program, *args], capture_output=True, text=True, check=False)
 
-    with sim.ling() as virtual:
+    with sim.ling(plant="ideal") as virtual:
         info = armwire_command("info", virtual.port)
         assert info.returncode == 0
         assert "Ling follower" in info.stdout

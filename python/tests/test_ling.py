@@ -92,7 +92,7 @@ def test_invalid_value_is_refused_and_not_sent(
 def test_follower_has_ten_servos_and_leader_six(arm: armwire.Ling) -> None:
     assert arm.read_temperatures_celsius().tolist() == [25] * 10
     assert arm.read_velocities_deg_s().tolist() == [0] * 10
-    with sim.ling(leader=True) as virtual, armwire.Ling(virtual.port) as leader:
+    with sim.ling(plant="ideal", leader=True) as virtual, armwire.Ling(virtual.port) as leader:
         assert leader.read_temperatures_celsius().tolist() == [25] * 6
         assert leader.read_info().kind == "leader"
         assert leader.self_check() == ()
@@ -153,7 +153,7 @@ def test_wait_ends_when_the_torque_goes_off(arm: armwire.Ling) -> None:
 
 
 def test_wait_for_an_arm_moved_by_hand_returns() -> None:
-    with sim.ling(leader=True) as virtual, armwire.Ling(virtual.port) as leader:
+    with sim.ling(plant="ideal", leader=True) as virtual, armwire.Ling(virtual.port) as leader:
         timer = threading.Timer(0.1, virtual.push_joints_deg, (TARGET,))
         timer.start()
         assert leader.wait_until_at_deg(TARGET).is_holding is False
@@ -191,7 +191,7 @@ def test_gripper_without_torque_forgets_its_goal(arm: armwire.Ling, virtual: sim
 
 
 def test_leader_is_moved_by_hand() -> None:
-    with sim.ling(leader=True) as virtual, armwire.Ling(virtual.port) as leader:
+    with sim.ling(plant="ideal", leader=True) as virtual, armwire.Ling(virtual.port) as leader:
         assert virtual.push_joints_deg(TARGET)
         assert virtual.push_gripper_permille(321)
         assert leader.read_gripper_permille() == 321
@@ -305,7 +305,7 @@ def test_threads_share_an_arm(arm: armwire.Ling) -> None:
 
 
 def test_other_threads_run_during_a_call() -> None:
-    with sim.ling(turnaround_us=200_000) as virtual, armwire.Ling(virtual.port) as arm:
+    with sim.ling(plant="ideal", turnaround_us=200_000) as virtual, armwire.Ling(virtual.port) as arm:
         thread = threading.Thread(target=arm.read_joints)
         thread.start()
         turns = 0
@@ -352,7 +352,7 @@ def test_closed_arm_raises_and_closes_twice(virtual: sim.VirtualLing) -> None:
 
 
 def test_signal_handler_cannot_block_the_call_it_interrupts() -> None:
-    with sim.ling(turnaround_us=300_000) as virtual, armwire.Ling(virtual.port) as arm:
+    with sim.ling(plant="ideal", turnaround_us=300_000) as virtual, armwire.Ling(virtual.port) as arm:
         before = signal.signal(signal.SIGALRM, lambda *_: arm.set_torque(True))
         signal.setitimer(signal.ITIMER_REAL, 0.05)
         try:
@@ -370,7 +370,7 @@ def user(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_parked_arm_lies_in_its_pose_without_torque(user: None) -> None:
-    with sim.ling(plant="typical") as virtual, armwire.Ling(virtual.port) as arm:
+    with sim.ling() as virtual, armwire.Ling(virtual.port) as arm:
         with pytest.raises(armwire.errors.RefusedError, match=r"no pose is saved .* save_park_pose\(\) saves it"):
             arm.park()
         assert virtual.joints().is_holding
@@ -389,7 +389,7 @@ def test_parked_arm_lies_in_its_pose_without_torque(user: None) -> None:
 
 def test_parking_that_does_not_arrive_keeps_the_torque() -> None:
     with sim.ling(plant="typical,obstacle=3:5deg") as virtual, armwire.Ling(virtual.port) as arm:
-        with pytest.raises(NotReachedError, match="joint 3 is .*; not parked, the arm holds its pose"):
+        with pytest.raises(NotReachedError, match=r"joint 3 is .*; not parked, the arm holds its pose"):
             arm.park(joints_deg=[0, 0, 20, 0, 0, 0])
         assert virtual.joints().is_holding
         assert virtual.joints().joints_deg[2] < 6
@@ -397,7 +397,7 @@ def test_parking_that_does_not_arrive_keeps_the_torque() -> None:
 
 def test_stop_of_another_call_ends_a_parking() -> None:
     async def run() -> None:
-        with sim.ling(plant="typical") as virtual:
+        with sim.ling() as virtual:
             async with await aio.Ling.open(virtual.port) as arm:
                 parking = asyncio.create_task(arm.park(joints_deg=[90, 0, 0, 0, 0, 0]))
                 while (await arm.read_joints_deg())[0] < 2:

@@ -4,7 +4,7 @@ import asyncio
 import threading
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import pytest
 from scripted import MOVE, READ_JOINTS, TORQUE_ON, ScriptedArm
@@ -15,6 +15,17 @@ from armwire.compat.alicia_d import create_robot
 
 FAR = [170.0] * 6
 SLOW = 30.0
+
+
+# The readings of an arm at rest, in ticks.
+REST = 3
+
+
+@pytest.fixture
+def virtual() -> Iterator[sim.VirtualLing]:
+    """A virtual follower, with weight."""
+    with sim.ling() as virtual:
+        yield virtual
 
 
 def wait_until(holds: Callable[[], bool]) -> None:
@@ -32,9 +43,9 @@ def start(arm: armwire.Ling, virtual: sim.VirtualLing, **gripper: int) -> None:
 
 def assert_rests(arm: armwire.Ling, virtual: sim.VirtualLing, state: armwire.JointState) -> None:
     """The arm is where it was read at rest: between start and target, with its torque on."""
-    assert virtual.joints().ticks == state.ticks
-    assert arm.read_velocities_deg_s()[:9].max() == 0
-    assert all(2060 < ticks < 3900 for ticks in state.ticks)
+    assert virtual.joints().ticks == pytest.approx(state.ticks, abs=REST)
+    assert arm.read_velocities_deg_s()[:9].max() < 2
+    assert all(2040 < ticks < 3900 for ticks in state.ticks)
     assert state.is_holding is True
 
 
@@ -63,7 +74,7 @@ def test_stop_without_a_goal_warns_of_the_grip(virtual: sim.VirtualLing) -> None
             state = arm.stop()
         assert warned[0].filename == __file__
         assert_rests(arm, virtual, state)
-        assert arm.read_velocities_deg_s().max() == 0
+        assert arm.read_velocities_deg_s()[9] == 0
         assert 0 < virtual.joints().gripper < 1000
 
 
@@ -120,7 +131,7 @@ def test_stop_by_asyncio_is_the_same(virtual: sim.VirtualLing) -> None:
             while virtual.joints().ticks[0] < 2060:
                 await asyncio.sleep(0.005)
             state = await arm.stop()
-            assert virtual.joints().ticks == state.ticks
+            assert virtual.joints().ticks == pytest.approx(state.ticks, abs=REST)
             assert not wait.done()
             wait.cancel()
 
