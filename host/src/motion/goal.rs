@@ -2,7 +2,7 @@
 //! does not.
 
 use armwire::OutOfRange;
-use armwire::ling::{GripperSpeed, JOINTS, Move, Speed};
+use armwire::ling::{GripperSpeed, JOINTS, Move, Rest, Speed};
 use armwire::time::{Duration, Instant};
 
 use crate::motion::axes::{self, AXES, Axes, Off, Ticks, Tolerance, off, opening, position, seconds, with_gripper};
@@ -13,6 +13,8 @@ use crate::time::rate::Rate;
 const TRAJECTORY_GRIPPER_SPEED: GripperSpeed = GripperSpeed(5500);
 /// The speed on the way to a motion: 20°/s.
 pub(crate) const APPROACH_SPEED: Speed = speed(228);
+/// The difference of two positions that is no motion, in ticks or thousandths: the noise of readings.
+const TREMBLE: f64 = Rest::TOLERANCE as f64;
 /// The time in which a joint makes up for its distance from the goal before, in seconds.
 const CATCH_UP_S: f64 = 0.05;
 
@@ -78,7 +80,7 @@ impl Limits {
 pub struct TrackingLimit {
     /// The distance that counts as an error.
     pub allowed: Tolerance,
-    /// The time after which it counts.
+    /// The time after which it counts, if the goal stands, or the distance has grown meanwhile.
     pub time: Duration,
 }
 
@@ -148,8 +150,28 @@ pub(crate) struct Goal {
     /// The time of the last move.
     moved: Option<Instant>,
     tracking: TrackingLimit,
-    /// The time since which an axis is too far away, and that axis once this counts.
-    off: Option<(Instant, Option<Off>)>,
+    /// An axis is too far away.
+    astray: Option<Astray>,
+}
+
+/// The time in which an axis is too far from its goal.
+#[derive(Clone, Debug)]
+struct Astray {
+    since: Instant,
+    /// The goal and the pose then.
+    goal: Axes,
+    pose: Axes,
+    /// The axis, once this counts.
+    error: Option<Off>,
+}
+
+impl Astray {
+    /// Returns true if this axis does not follow: its goal stands, or the distance from it has grown. An arm that only lags
+    /// behind a moving goal follows.
+    fn is_left_behind(&self, axis: usize, goal: &Axes, pose: &Axes) -> bool {
+        let grown = (goal[axis] - pose[axis]).abs() - (self.goal[axis] - self.pose[axis]).abs();
+        grown > TREMBLE || (goal[axis] - self.goal[axis]).abs() <= TREMBLE
+    }
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -165,7 +187,7 @@ impl Goal {
         axes: [None; AXES],
         moved: None,
         tracking: TrackingLimit::ANY,
-        off: None,
+        astray: None,
     };
 
     /// The goal of an arm at this pose.
@@ -175,22 +197,32 @@ impl Goal {
 
     /// Ends the tracking: later readings are no error, until the next target.
     pub(crate) fn end_tracking(&mut self) {
-        (self.tracking, self.off) = (TrackingLimit::ANY, None);
+        (self.tracking, self.astray) = (TrackingLimit::ANY, None);
     }
 
     /// The axis that has been too far from its goal for too long, even if it is near by now.
     pub(crate) fn tracking_error(&self) -> Option<Off> {
-        self.off.and_then(|(_, off)| off)
+        self.astray.as_ref().and_then(|astray| astray.error)
     }
 
     /// Takes the pose in a reading that was made at `at`. An axis that moves away from its goal by more than `drift` was
     /// moved by another host: it has no goal any more.
     pub(crate) fn on_pose(&mut self, at: Instant, pose: &Axes, drift: &Tolerance) {
         if self.tracking_error().is_none() {
-            let before = self.off;
-            self.off = off(&self.axes(pose), pose, &self.tracking.allowed).map(|off| {
-                let since = before.map_or(at, |(since, _)| since);
-                (since, (at.since(since) >= self.tracking.time).then_some(off))
+            let (goal, time) = (self.axes(pose), self.tracking.time);
+            let before = self.astray.take();
+            self.astray = off(&goal, pose, &self.tracking.allowed).map(|off| match before {
+                Some(astray) if at.since(astray.since) < time => astray,
+                Some(astray) if astray.is_left_behind(off.axis, &goal, pose) => Astray {
+                    error: Some(off),
+                    ..astray
+                },
+                _ => Astray {
+                    since: at,
+                    goal,
+                    pose: *pose,
+                    error: (time == Duration::ZERO).then_some(off),
+                },
             });
         }
         for nth in 0..AXES {
@@ -231,7 +263,7 @@ impl Goal {
         }
         goal[JOINTS] = target.gripper.unwrap_or(before[JOINTS]);
         if self.tracking != target.tracking {
-            (self.tracking, self.off) = (target.tracking, None);
+            (self.tracking, self.astray) = (target.tracking, None);
         }
         let gripper_speed = match target.way {
             Way::At(_) => TRAJECTORY_GRIPPER_SPEED,
@@ -348,6 +380,36 @@ mod tests {
         assert_eq!(error(500, 2_113.0), None);
         assert_eq!(error(600, 1_800.0), None);
         assert_eq!(error(1_100, 1_800.0), Some((0, 200.0)));
+    }
+
+    /// The tracking error of a joint that is at these distances behind a goal which moves by 10 ticks a reading.
+    fn error_behind(distance: impl Fn(f64) -> f64) -> Option<f64> {
+        let mut goal = goal_at(1_000.0);
+        for reading in 1..=200 {
+            let to = 1_000.0 + 10.0 * f64::from(reading);
+            let at = to - distance(to);
+            let now = Instant::from_millis(10 * reading as u64);
+            advance(&mut goal, now, to, at, Limits::FOLLOW);
+            goal.on_pose(now, &pose(at), &[None; AXES]);
+        }
+        goal.tracking_error().map(|off| off.distance)
+    }
+
+    #[test]
+    fn arm_that_lags_behind_a_moving_goal_follows() {
+        assert_eq!(error_behind(|_| 150.0), None);
+        // It catches up.
+        assert_eq!(error_behind(|to| (4_000.0 - to) / 10.0), None);
+    }
+
+    #[test]
+    fn arm_that_stays_behind_a_moving_goal_does_not_follow() {
+        // It stands at 1200.
+        assert_eq!(error_behind(|to| (to - 1_200.0).max(0.0)), Some(620.0));
+        assert!(
+            error_behind(|to| (to - 1_000.0) / 2.0).is_some(),
+            "it moves at half of the speed"
+        );
     }
 
     #[test]
