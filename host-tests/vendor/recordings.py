@@ -178,7 +178,7 @@ class Recording:
 @contextmanager
 def sim(armwire: str, port: Path, *args: str) -> Iterator[None]:
     """A virtual arm that ends with its `with` block."""
-    command = [armwire, "sim", "ling", "--pty", str(port), *args]
+    command = [armwire, "sim", "ling", "--plant", "ideal", "--pty", str(port), *args]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         try:

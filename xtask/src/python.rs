@@ -298,7 +298,7 @@ fn check_sdist(tools: &Environment, dir: &Path) -> Result<()> {
 
 /// Runs the tests, the examples among them, with virtual arms, and with the firmware images on virtual boards.
 fn test(clean: &Environment, dir: &Path, options: &Options) -> Result<()> {
-    let board = ServedBoard::start(dir)?;
+    let board = ServedBoard::start(dir, "typical")?;
     let mut tests = pytest(clean, dir);
     tests.arg("--durations=5").env("ARMWIRE_BOARD", dir);
     if let Some(reads) = options.reads {
@@ -308,7 +308,7 @@ fn test(clean: &Environment, dir: &Path, options: &Options) -> Result<()> {
     run(&mut tests)?;
     board.end()?;
     let board = Board::STM32G431;
-    let served = ServedBoard::start_board(dir, board)?;
+    let served = ServedBoard::start_board(dir, "typical", board)?;
     run(pytest(clean, dir)
         .arg("tests/test_board.py")
         .env("ARMWIRE_BOARD", dir)

@@ -31,7 +31,7 @@ pub(crate) fn check() -> Result<()> {
     fs::create_dir_all(&folder)?;
     let environment = Environment::new("python3", folder.join("python"))?;
     environment.install_listed(&scripts.join("requirements.txt"))?;
-    let board = ServedBoard::start(&folder)?;
+    let board = ServedBoard::start(&folder, "typical")?;
     let mut peer = Command::new("unshare");
     peer.arg("--net")
         .arg(scripts.join("namespace.sh"))

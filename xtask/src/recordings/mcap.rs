@@ -17,7 +17,7 @@ pub(super) fn check() -> Result<()> {
     process::run(&mut cargo("build --package armwire-cli"))?;
     let armwire = target_dir()?.join("debug/armwire");
     python.run("recordings.py", &[&armwire])?;
-    let board = ServedBoard::start(&python.dir)?;
+    let board = ServedBoard::start(&python.dir, "ideal")?;
     let checked = python.run("recordings.py", &[&armwire, board.serial(), board.control()]);
     checked.and(board.end())
 }

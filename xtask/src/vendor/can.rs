@@ -46,7 +46,7 @@ pub(crate) fn compare_logs() -> Result<()> {
 /// If a library reads a wrong value, or a timeout is exceeded.
 pub(crate) fn drive() -> Result<()> {
     let python = python()?;
-    let board = ServedBoard::start(&python.dir)?;
+    let board = ServedBoard::start(&python.dir, "ideal")?;
     let driven = python.run("can_session.py", &[board.can(), Path::new(NODE)]);
     driven.and(board.end())
 }

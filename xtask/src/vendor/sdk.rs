@@ -29,7 +29,7 @@ pub(crate) fn drive_ling() -> Result<()> {
     let python = python()?;
     install_emulator()?;
     [Board::default(), Board::PICO].into_iter().try_for_each(|board| {
-        let board = ServedBoard::start_board(&python.dir, board)?;
+        let board = ServedBoard::start_board(&python.dir, "ideal", board)?;
         let driven = python.run("drive.py", &[board.serial()]);
         driven.and(board.end())
     })

@@ -27,13 +27,13 @@ pub(crate) struct ServedBoard {
 
 impl ServedBoard {
     /// Builds the image for the default board and the virtual board, and creates its ports in this folder: `arm`,
-    /// `control`, and `bus` if the board has CAN.
+    /// `control`, and `bus` if the board has CAN. The joints of its arm have this plant: `ideal` where poses must be exact.
     ///
     /// # Errors
     ///
     /// If a build fails, or the ports do not appear in time.
-    pub(crate) fn start(dir: &Path) -> Result<Self> {
-        Self::start_board(dir, Board::default())
+    pub(crate) fn start(dir: &Path, plant: &str) -> Result<Self> {
+        Self::start_board(dir, plant, Board::default())
     }
 
     /// The same for another board.
@@ -41,7 +41,7 @@ impl ServedBoard {
     /// # Errors
     ///
     /// As [`start`](Self::start).
-    pub(crate) fn start_board(dir: &Path, board: Board) -> Result<Self> {
+    pub(crate) fn start_board(dir: &Path, plant: &str, board: Board) -> Result<Self> {
         let image = image::build(image::Options::of(board))?;
         println!("building the virtual board, about 3 minutes the first time");
         let demo = demo::build()?;
@@ -53,6 +53,7 @@ impl ServedBoard {
         }
         let mut serve = Command::new(demo);
         serve.arg("--image").arg(image.path);
+        serve.arg("--plant").arg(plant);
         serve.arg("--serve").arg(&serial).arg("--control").arg(&control);
         let mut ports = vec![&serial, &control];
         if board.has_can() {
