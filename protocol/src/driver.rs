@@ -5,13 +5,18 @@ use core::future::{Future, poll_fn};
 use core::pin::pin;
 use core::task::Poll;
 
-use embedded_io_async::{Read, Write};
+use embedded_io_async::{ErrorKind, Read, Write};
 use thiserror::Error;
 
 use crate::framing::Reason;
 use crate::messages::Messages;
-use crate::time::Instant;
+use crate::time::{Duration, Instant};
 use crate::{Client, Config, ErrorFrame, Event, OutOfRange, Output, ParseError, SubmitError};
+
+/// Time from a receive error to the next read.
+const RETRY_PERIOD: Duration = Duration::from_millis(1);
+/// The receive errors in a row after which a port is taken for empty before a request is sent.
+const MAX_ERRORS: u8 = 8;
 
 /// A monotonic clock with a timer: the only part of a runtime that the driver needs.
 ///
@@ -123,6 +128,8 @@ pub struct Counters {
     pub unsolicited: u32,
     /// Requests that the line echoed.
     pub echoes: u32,
+    /// Receive errors of the port that ended no call.
+    pub receive_errors: u32,
 }
 
 impl Counters {
@@ -152,6 +159,12 @@ impl Counters {
 /// **The port** must buffer bytes between reads, return them when a read is first polled, and lose nothing in a dropped
 /// read: every timeout drops one. A UART with a receive buffer does. A port that accepts no bytes blocks the call: add
 /// a timeout around the call where this can happen.
+///
+/// **A receive error** of the port, such as an overrun or a framing error of a UART, is damage: a frame that it interrupts
+/// is noise, and a read is repeated within its call. If no byte comes after it, the call ends with it at its timeout, as
+/// [`CallError::Io`]. It ends the call at once on a [lossless](crate::framing::Framing::LOSSLESS) line, and if its kind is
+/// none of `Other`, `InvalidData`, `Interrupted` and `TimedOut`: by the kind, the port decides. An error of a write ends
+/// the call.
 ///
 /// **Dropping a call** before it is complete is allowed if the port's writes may be dropped too. An unstarted request
 /// is then never sent, and a partly written one is never executed: the next call makes the arm discard it, as
@@ -203,6 +216,7 @@ impl<M: Messages, Port: Read + Write, C: Clock, const N: usize> Driver<M, Port, 
                 late: 0,
                 unsolicited: 0,
                 echoes: 0,
+                receive_errors: 0,
             },
             needs_flush: false,
         }
@@ -227,10 +241,12 @@ impl<M: Messages, Port: Read + Write, C: Clock, const N: usize> Driver<M, Port, 
         self.client.cancel();
         self.flush().await?;
         self.client.submit(request).map_err(CallError::Submit)?;
+        // The receive errors since the last byte, and the last of them.
+        let mut failing = Failing { count: 0, last: None };
         loop {
             match self.client.poll(self.clock.now()) {
-                Output::Receive => self.receive(Instant::ZERO).await?,
-                Output::Timeout(until) => self.receive(until.unwrap_or_default()).await?,
+                Output::Receive => self.receive(Instant::ZERO, &mut failing).await?,
+                Output::Timeout(until) => self.receive(until.unwrap_or_default(), &mut failing).await?,
                 Output::Transmit(bytes) => {
                     let len = bytes.len();
                     let n = self.port.write(bytes).await.map_err(CallError::Io)?;
@@ -242,7 +258,9 @@ impl<M: Messages, Port: Read + Write, C: Clock, const N: usize> Driver<M, Port, 
                 Output::Event(Event::ErrorFrame { frame }) => {
                     return Err(CallError::ErrorFrame(ErrorFrame::new(frame)));
                 }
-                Output::Event(Event::TimedOut { sends }) => return Err(CallError::TimedOut { sends }),
+                Output::Event(Event::TimedOut { sends }) => {
+                    return Err(failing.last.map_or(CallError::TimedOut { sends }, CallError::Io));
+                }
                 Output::Event(Event::Broken { offset, reason }) => return Err(CallError::Broken { offset, reason }),
                 Output::Event(other) => self.counters.count(&other),
             }
@@ -325,13 +343,33 @@ impl<M: Messages, Port: Read + Write, C: Clock, const N: usize> Driver<M, Port, 
     }
 
     /// Reads once, until this time.
-    async fn receive(&mut self, until: Instant) -> Result<(), CallError<Port::Error>> {
+    async fn receive(
+        &mut self,
+        until: Instant,
+        failing: &mut Failing<Port::Error>,
+    ) -> Result<(), CallError<Port::Error>> {
         let read = first(self.port.read(self.client.space()), self.clock.wait_until(until)).await;
         let n = match read {
             None => 0,
-            Some(Err(error)) => return Err(CallError::Io(error)),
+            Some(Err(error)) if M::LOSSLESS || !is_damage(&error) => return Err(CallError::Io(error)),
+            Some(Err(error)) => {
+                self.counters.receive_errors = self.counters.receive_errors.wrapping_add(1);
+                // No later byte continues the frame that it has interrupted.
+                self.client.idle();
+                failing.last = Some(error);
+                failing.count = failing.count.saturating_add(1);
+                if failing.count < MAX_ERRORS && until == Instant::ZERO {
+                    return Ok(());
+                }
+                let next = self.clock.now() + RETRY_PERIOD;
+                self.clock.wait_until(next.min(until)).await;
+                0
+            }
             Some(Ok(0)) => return Err(CallError::Closed),
-            Some(Ok(n)) => n,
+            Some(Ok(n)) => {
+                *failing = Failing { count: 0, last: None };
+                n
+            }
         };
         let now = self.clock.now();
         self.client.received(now, n).map_err(CallError::Port)
@@ -345,6 +383,20 @@ impl<M: Messages, Port, C, const N: usize> fmt::Debug for Driver<M, Port, C, N> 
             .field("counters", &self.counters)
             .finish_non_exhaustive()
     }
+}
+
+/// The receive errors of a port since its last byte.
+struct Failing<E> {
+    count: u8,
+    last: Option<E>,
+}
+
+/// Returns true for a receive error after which the port goes on.
+fn is_damage(error: &impl embedded_io_async::Error) -> bool {
+    matches!(
+        error.kind(),
+        ErrorKind::Other | ErrorKind::InvalidData | ErrorKind::Interrupted | ErrorKind::TimedOut
+    )
 }
 
 /// The output of `a`, or `None` if `b` completes first.

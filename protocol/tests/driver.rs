@@ -840,6 +840,113 @@ fn closed_or_failed_port_is_a_named_error() {
     assert_eq!(error, CallError::Io(ErrorKind::BrokenPipe));
 }
 
+/// A port that loses these bytes of those that it receives, and reports an error in place of each.
+struct Erring<'w> {
+    port: Port<'w>,
+    received: usize,
+    lost: Vec<usize>,
+}
+
+impl ErrorType for Erring<'_> {
+    type Error = ErrorKind;
+}
+
+impl Read for Erring<'_> {
+    async fn read(&mut self, buf: &mut [u8]) -> Result<usize, ErrorKind> {
+        let Ok(n) = self.port.read(&mut buf[..1]).await;
+        self.received += n;
+        match self.lost.contains(&self.received) {
+            true => Err(ErrorKind::Other),
+            false => Ok(n),
+        }
+    }
+}
+
+impl Write for Erring<'_> {
+    async fn write(&mut self, buf: &[u8]) -> Result<usize, ErrorKind> {
+        let Ok(n) = self.port.write(buf).await;
+        Ok(n)
+    }
+
+    async fn flush(&mut self) -> Result<(), ErrorKind> {
+        let Ok(()) = self.port.flush().await;
+        Ok(())
+    }
+}
+
+fn erring(world: &Shared, lost: Vec<usize>) -> Arm<Erring<'_>, VirtualClock<'_>> {
+    let port = Erring {
+        port: Port(world),
+        received: 0,
+        lost,
+    };
+    Arm::new(port, VirtualClock(world), CONFIG)
+}
+
+#[test]
+fn receive_error_costs_one_repeat() {
+    let world = world();
+    let mut arm = erring(&world, vec![10]);
+    // The answer to the second request.
+    assert_eq!(run(&world, arm.read_joints()).unwrap().joints, [2_002; 6]);
+    assert_eq!(arm.counters().receive_errors, 1);
+}
+
+#[test]
+fn receive_error_at_any_byte_leaves_calls_their_answers() {
+    /// The bytes of an answer.
+    const LEN: usize = 21;
+    for lost in 1..=2 * LEN {
+        for second in lost..=lost + 2 {
+            let world = world();
+            let mut arm = erring(&world, vec![lost, second]);
+            for _ in 0..4 {
+                let state = run(&world, arm.read_joints()).unwrap();
+                let newest = 2_000 + world.borrow().requests.len() as u16;
+                assert_eq!(state.joints, [newest; 6], "lost: {lost}, {second}");
+            }
+        }
+    }
+}
+
+#[test]
+fn receive_error_at_any_byte_leaves_the_stop() {
+    for lost in 1..=100 {
+        let world = world();
+        world.borrow_mut().instead = Some(standing());
+        let mut arm = erring(&world, vec![lost, lost + 21]);
+        let stopped = run(&world, arm.stop(&mut Stop::new(Some(Opening::CLOSED)))).unwrap();
+        assert!(matches!(stopped, stop::Stopped::AtRest { .. }), "lost: {lost}");
+        let moves = |request: &&Request| matches!(request, Request::Move(_));
+        assert!(
+            world.borrow().requests.iter().filter(moves).count() >= 5,
+            "lost: {lost}"
+        );
+    }
+}
+
+/// The joints of an arm that holds its pose.
+fn standing() -> Vec<u8> {
+    let state = JointState {
+        joints: [2_048; 6],
+        gripper: 0,
+        status: MotionStatus::Locked,
+    };
+    let mut out = [0; MAX_FRAME];
+    let n = Ling.encode_response(&Response::Joints(state), None, &mut out).unwrap();
+    out[..n].to_vec()
+}
+
+#[test]
+fn port_that_only_fails_ends_the_call_with_its_error() {
+    let world = world();
+    let mut arm = erring(&world, (1..10_000).collect());
+    assert_eq!(run(&world, arm.read_joints()), Err(CallError::Io(ErrorKind::Other)));
+    assert!(world.borrow().requests.len() > 1, "it is repeated");
+    let stopped = run(&world, arm.stop(&mut Stop::new(None)));
+    assert_eq!(stopped, Err(CallError::Io(ErrorKind::Other)));
+}
+
 #[test]
 fn failed_stop_is_an_error() {
     let world = world();
