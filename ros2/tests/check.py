@@ -669,7 +669,7 @@ os.kill(os.getpid(), signal.SIGKILL)
     peer.send([goal], seconds_each=2.0)
     peer.wait_until_away([0.0] * 6, by=0.05)
     peer.send([], names=[])
-    peer.expect_rest(settling=0.3)
+    peer.expect_rest(settling=0.6)
     assert not peer.is_at(goal), peer.positions()
     passed("an empty trajectory ends a motion, and the arm holds")
 
@@ -699,7 +699,7 @@ os.kill(os.getpid(), signal.SIGKILL)
     peer.send([[2.0, 0, 0, 0, 0, 0]], seconds_each=8.0)
     peer.wait_until_away(peer.positions())
     end(node, signal.SIGKILL)
-    expect_rest(port, settling=0.2)
+    expect_rest(port, settling=0.6)
     passed("the node killed in a motion: the arm stands still and holds")
     end(sim)
 
@@ -812,7 +812,7 @@ def action(participant):
     assert (answer.return_code, [info.goal_id for info in answer.goals_canceling]) == (0, [id]), answer
     answer = follow.result(id)
     assert answer.status == CANCELED, answer
-    peer.expect_rest(settling=0.2)
+    peer.expect_rest(settling=0.6)
     assert not peer.is_at(home, 0.1), peer.positions()
     assert follow.state(id) == CANCELED
     assert follow.cancel(id).return_code == GOAL_TERMINATED
@@ -842,7 +842,7 @@ def action(participant):
     answer = follow.result(id)
     assert accepted and (answer.status, answer.result.error_code) == (ABORTED, PATH_VIOLATED), answer
     assert answer.result.error_string.startswith('"joint'), answer
-    peer.expect_rest(settling=0.2)
+    peer.expect_rest(settling=0.6)
     assert not peer.is_at(home, 0.1), peer.positions()
     passed(f"a goal whose path is left is aborted, and the arm holds: {answer.result.error_string}")
 
