@@ -9,7 +9,7 @@
 
 int main(int argc, char **argv)
 {
-    static const char *const words[] = {"ling", NULL};
+    static const char *const words[] = {"ling", "--plant", "ideal", NULL};
     char name[300], line[200];
     unsigned long long out, in;
     unsigned ticks[6];

@@ -249,7 +249,9 @@ static void requests_end_whatever_the_line_does(unsigned rounds)
 
 int main(int argc, char **argv)
 {
-    static const char *const good[] = {"ling", NULL}, *const bad[] = {"ling", "--faults", "2000", NULL};
+    /* Its poses are exact. */
+    static const char *const good[] = {"ling", "--plant", "ideal", NULL};
+    static const char *const bad[] = {"ling", "--plant", "ideal", "--faults", "2000", NULL};
     ArmwireConfig config;
     CHECK(argc == 2);
     CHECK_OK(armwire_config_serial(&config));
