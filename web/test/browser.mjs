@@ -17,7 +17,7 @@ export const launch = () => chromium.launch({ executablePath: EXECUTABLE, args: 
 
 // Opens the page in a context of its own. `problems` collects errors of the page and requests to other hosts.
 // With `stopClock`, time passes on the page only by `page.clock`.
-export async function open(browser, address, { stopClock = false, ...options } = {}) {
+export async function open(browser, address, { stopClock = false, plant = 'ideal', ...options } = {}) {
   const context = await browser.newContext({ viewport: { width: 1280, height: 800 }, ...options });
   const page = await context.newPage();
   if (stopClock) await page.clock.pauseAt(STOPPED_AT);
@@ -28,7 +28,7 @@ export async function open(browser, address, { stopClock = false, ...options } =
     if (!request.url().startsWith(address) && !request.url().startsWith('data:')) problems.push(`request: ${request.url()}`);
   });
   page.on('response', (response) => response.status() >= 400 && problems.push(`${response.status()}: ${response.url()}`));
-  await page.goto(address);
+  await page.goto(`${address}?plant=${plant}`);
   // The page shows its counters when it starts.
   await page.locator('#counters div').first().waitFor();
   return { context, page, problems };

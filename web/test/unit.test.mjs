@@ -24,7 +24,8 @@ class Bench {
   constructor(engine) {
     this.engine = engine;
     this.now = 0;
-    engine.startVirtual(1);
+    // Poses are exact.
+    engine.startVirtual(1, 'ideal');
     engine.startSession(0);
   }
 
