@@ -3,9 +3,11 @@
 use std::error::Error;
 use std::io::{self, Write, stdout};
 
+use armwire::ling::arrival::{Arrival, Arrived, Tolerances};
 use armwire::ling::{
     GripperSpeed, JointState, Kind, Move, Opening, PerServo, Position, Request, Response, Speed, Torque,
 };
+use armwire::time::Instant;
 use armwire_bridge::Counters;
 use armwire_bridge::Duration;
 use armwire_sim::ling::LingArm;
@@ -20,7 +22,7 @@ const TARGET: [f32; 6] = [30.0, -20.0, 45.0, 0.0, 60.0, -90.0];
 const READS: u32 = 500;
 
 /// Polling period during a move.
-const POLL_PERIOD: Duration = Duration::from_millis(200);
+const POLL_PERIOD: Duration = Duration::from_millis(100);
 
 pub(crate) fn run(board: VirtualBoard<LingArm>) -> Result<(), Box<dyn Error>> {
     let mut host = Host::new(board);
@@ -132,18 +134,19 @@ fn travel(host: &mut Host) -> Result<(), Box<dyn Error>> {
     print_row("move", took, "delivered, no answer expected")?;
 
     let start = host.board.now();
+    let mut arrival = Arrival::new(target, Tolerances::MOVE);
     loop {
         let (state, took) = read_joints(host)?;
-        let seconds = host.board.now().since(start).0 as f64 / 1e9;
+        let passed = host.board.now().since(start);
+        let seconds = passed.0 as f64 / 1e9;
         print_row("", took, format_args!("{seconds:4.1} s {}", pose(&state)?))?;
-        let joints = target.joints.map(|(position, _)| position.ticks());
-        if state.joints == joints && state.gripper == target.gripper.0.per_mille() {
-            return Ok(());
+        match arrival.on_joints(Instant::from_micros(passed.0 / 1_000), &state) {
+            Arrived::AtTarget(deviations) if deviations.are_small() => return Ok(()),
+            // A servo holds a load by its error.
+            Arrived::AtTarget(deviations) => return Ok(print_row("at rest", took, deviations)?),
+            Arrived::NotYet(_) if seconds <= 10.0 => host.board.run_for(POLL_PERIOD)?,
+            _ => return Err("the arm did not arrive".into()),
         }
-        if seconds > 10.0 {
-            return Err("the arm did not arrive".into());
-        }
-        host.board.run_for(POLL_PERIOD)?;
     }
 }
 
