@@ -69,7 +69,7 @@ impl Parking {
             arm.link.check_interrupt()?;
             // Nobody who has taken the arm over expects that it drops.
             if arm.stops != self.stops || arm.target.as_ref() != Some(target) {
-                let reason = "not parked: another call stopped or moved the arm, and its torque stays on";
+                let reason = "not parked: another call stopped, moved or released the arm";
                 return Err(Error::refused(arm.name(), reason));
             }
             match wait.read(arm) {
@@ -97,9 +97,12 @@ impl Ling {
     /// [`Error::Stopped`] after an interrupt. Otherwise as of [`move_and_wait`](Self::move_and_wait), and of
     /// [`set_torque`](Self::set_torque).
     pub fn park(&mut self, pose: [Position; JOINTS], within: u16, limit: Duration) -> Result<Outcome, Error> {
-        let mut parking = Parking::new(self, pose, within, limit)?;
-        let gripper = self.gripper.unwrap_or(Opening::OPEN);
-        self.stop_if_interrupted(gripper, |arm| until(|| parking.step(arm)))
+        let reading = self.require_torque()?.opening();
+        let gripper = self.gripper.or(reading.ok()).unwrap_or(Opening::OPEN);
+        self.stop_if_interrupted(gripper, |arm| {
+            let mut parking = Parking::new(arm, pose, within, limit)?;
+            until(|| parking.step(arm))
+        })
     }
 
     /// The pose that is saved for this arm, by its serial number.
@@ -303,7 +306,9 @@ mod tests {
         arm.stop(None).unwrap();
         let error = parking.step(&mut arm).unwrap_err();
         assert!(
-            error.to_string().contains("another call stopped or moved the arm"),
+            error
+                .to_string()
+                .contains("another call stopped, moved or released the arm"),
             "{error}"
         );
         assert_eq!(seen.lock().unwrap().dropped_at, None);
