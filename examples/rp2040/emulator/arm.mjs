@@ -7,7 +7,7 @@ import readline from 'node:readline';
 export class Arm {
   static async start(armwire, link) {
     const arm = new Arm();
-    arm.process = spawn(armwire, ['sim', 'ling', '--pty', link], { stdio: ['ignore', 'pipe', 'inherit'] });
+    arm.process = spawn(armwire, ['sim', 'ling', '--plant', 'ideal', '--pty', link], { stdio: ['ignore', 'pipe', 'inherit'] });
     arm.lines = readline.createInterface({ input: arm.process.stdout })[Symbol.asyncIterator]();
     // The first line of output shows that the pty is ready.
     assert.ok(!(await arm.lines.next()).done, 'the virtual arm does not start');
