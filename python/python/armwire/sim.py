@@ -152,8 +152,8 @@ def ling(*, leader: bool = False, turnaround_us: int = 200, seed: int = 1, plant
         leader: Simulate a leader, which is moved by hand: `push_joints_deg`.
         turnaround_us: Time from the end of a request to the start of its answer, in microseconds.
         seed: Seed of the faults: equal seeds give equal faults.
-        plant: Lag, sag and noise of the joints, as `armwire sim ling --plant` takes it: "typical", the default, "ideal",
-            or a list such as "typical,sag=26". The command's help has all words.
+        plant: Lag, sag and noise of the joints, as `armwire sim ling --plant` takes it: "typical", the default,
+            "ideal", or a list such as "typical,sag=26". The command's help has all words.
 
     Raises:
         ValueError: The plant has an unknown word, or a value that is out of range.
