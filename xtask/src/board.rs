@@ -29,24 +29,9 @@ impl Update {
     }
 }
 
-/// An optimisation level, as in a profile of cargo.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Level {
-    /// 3.
-    Speed,
-    /// "s".
-    Size,
-}
-
-impl Level {
-    /// The value of `opt-level`.
-    pub(crate) const fn value(self) -> &'static str {
-        match self {
-            Self::Speed => "3",
-            Self::Size => "\"s\"",
-        }
-    }
-}
+/// Levels of optimisation, as in a profile of cargo.
+const SPEED: &str = "3";
+const SIZE: &str = "\"s\"";
 
 /// The optimisation of an image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -54,7 +39,7 @@ pub(crate) struct Optimisation {
     /// The level of most packages, if it is not the profile's.
     pub(crate) level: Option<&'static str>,
     /// Packages with a level of their own.
-    pub(crate) packages: &'static [(&'static str, Level)],
+    pub(crate) packages: &'static [(&'static str, &'static str)],
 }
 
 impl Board {
@@ -148,21 +133,17 @@ impl Board {
             // their small functions are inlined: each such function has its own reports of a panic.
             (_, true) => Optimisation {
                 level: Some("z"),
-                packages: &[
-                    ("armwire", Level::Speed),
-                    ("embassy-stm32", Level::Size),
-                    ("embassy-usb", Level::Speed),
-                ],
+                packages: &[("armwire", SPEED), ("embassy-stm32", SIZE), ("embassy-usb", SPEED)],
             },
             (Chip::Stm32f405, false) => Optimisation {
                 level: None,
                 packages: &[
-                    ("armwire", Level::Speed),
-                    ("armwire-bridge", Level::Speed),
-                    ("armwire-firmware", Level::Speed),
-                    ("embassy-executor", Level::Speed),
-                    ("embassy-sync", Level::Speed),
-                    ("embassy-usb-synopsys-otg", Level::Speed),
+                    ("armwire", SPEED),
+                    ("armwire-bridge", SPEED),
+                    ("armwire-firmware", SPEED),
+                    ("embassy-executor", SPEED),
+                    ("embassy-sync", SPEED),
+                    ("embassy-usb-synopsys-otg", SPEED),
                 ],
             },
             // The STM32G431 has no flash left for it.

@@ -153,7 +153,6 @@ pub(crate) fn build(options: Options) -> Result<Image> {
         build.env("CARGO_PROFILE_FIRMWARE_OPT_LEVEL", level);
     }
     for (package, level) in optimisation.packages {
-        let level = level.value();
         build.arg(format!("--config=profile.firmware.package.{package}.opt-level={level}"));
     }
     run(&mut build)?;
