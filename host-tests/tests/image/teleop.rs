@@ -122,7 +122,7 @@ struct Pair<'a> {
 
 /// Runs a test with two boards, whose lines have these faults.
 fn on_pair<R>(rates: Rates, test: impl FnOnce(&mut Pair<'_>) -> R) -> R {
-    // What the images and the lines add is measured: the arms add nothing.
+    // The lag of the images and of the lines is measured: the arms add none.
     let arm = |config, seed| {
         let plant = Plant::IDEAL;
         Line::new(LingArm::new(Config { plant, ..config }), rates, rates, seed)

@@ -41,11 +41,20 @@ impl Parking {
     /// As of [`Ling::move_to`].
     pub fn new(arm: &mut Ling, pose: [Position; JOINTS], within: u16, limit: Duration) -> Result<Self, Error> {
         let state = arm.require_torque()?;
-        // As in a stop, a reading beyond the open end stands for that end.
-        let opening = arm.gripper.unwrap_or(state.opening().unwrap_or(Opening::OPEN));
+        Self::from(arm, &state, pose, within, limit)
+    }
+
+    /// Starts the parking of an arm with this reading.
+    fn from(
+        arm: &mut Ling,
+        state: &JointState,
+        pose: [Position; JOINTS],
+        within: u16,
+        limit: Duration,
+    ) -> Result<Self, Error> {
         let target = Move {
-            joints: together(&state, pose),
-            gripper: (opening, GripperSpeed::DEFAULT),
+            joints: together(state, pose),
+            gripper: (arm.gripper_or_reading(state), GripperSpeed::DEFAULT),
         };
         arm.move_to(&target)?;
         let tolerances = Tolerances {
@@ -97,10 +106,10 @@ impl Ling {
     /// [`Error::Stopped`] after an interrupt. Otherwise as of [`move_and_wait`](Self::move_and_wait), and of
     /// [`set_torque`](Self::set_torque).
     pub fn park(&mut self, pose: [Position; JOINTS], within: u16, limit: Duration) -> Result<Outcome, Error> {
-        let reading = self.require_torque()?.opening();
-        let gripper = self.gripper.or(reading.ok()).unwrap_or(Opening::OPEN);
+        let state = self.require_torque()?;
+        let gripper = self.gripper_or_reading(&state);
         self.stop_if_interrupted(gripper, |arm| {
-            let mut parking = Parking::new(arm, pose, within, limit)?;
+            let mut parking = Parking::from(arm, &state, pose, within, limit)?;
             until(|| parking.step(arm))
         })
     }
@@ -154,6 +163,11 @@ impl Ling {
             self.link.check_interrupt()?;
             thread::sleep(POLL_PERIOD);
         }
+    }
+
+    /// The gripper's last goal, else its reading. As in a stop, a reading beyond the open end stands for that end.
+    fn gripper_or_reading(&self, state: &JointState) -> Opening {
+        self.gripper.unwrap_or(state.opening().unwrap_or(Opening::OPEN))
     }
 
     /// The error of a parking that ended on the way, after this one. An arm that did not arrive presses against something,
@@ -211,7 +225,7 @@ mod tests {
         seen: Arc<Mutex<Seen>>,
     }
 
-    /// What was seen of it.
+    /// The observations of an arm.
     #[derive(Debug, Default, PartialEq)]
     struct Seen {
         /// The readings at the end of its way.
