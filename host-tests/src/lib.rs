@@ -7,6 +7,7 @@ pub mod image;
 pub mod page;
 pub mod random;
 pub mod reference;
+pub mod weight;
 
 /// The example in the README compiles.
 #[cfg(doctest)]

@@ -2,21 +2,17 @@
 //!
 //! `ARMWIRE_PLANTS` is the number of random plants. Half of the seeds are the same in every run; a failure names its seed.
 
-use std::f64::consts::TAU;
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use armwire::ling::arrival::{Arrival, Arrived, Tolerances};
 use armwire::ling::stop::{Output, StopError, Stopped};
-use armwire::ling::{GripperSpeed, JOINTS, JointState, MotionStatus, Move, Opening, Position, Request, Speed, Stop};
+use armwire::ling::{JOINTS, JointState, MotionStatus, Move, Opening, Position, Request, Stop};
 use armwire::time::{Duration, Instant};
+use armwire_host_tests::weight::{DEGREE, Reach, extend, raised, to, travel_beyond_sag};
 use armwire_sim::ling::{Config, LingArm, Plant};
 use oorandom::Rand32;
 
 const MILLISECOND: Duration = Duration::from_millis(1);
-/// One degree, in ticks.
-const DEGREE: f64 = 4096.0 / 360.0;
-/// The sag of the joints, as shares of the plant's: see [`Plant`].
-const SHARES: [f64; JOINTS] = [0.0, 1.0, 0.8, 0.0, 0.4, 0.0];
 
 /// The largest values of the plants and lines of a class.
 #[derive(Clone, Copy)]
@@ -54,7 +50,7 @@ struct World {
     /// Moves on their way.
     sent: Vec<(Instant, Move)>,
     /// The least and the largest positions since the first hold.
-    reached: Option<[(u16, u16); JOINTS]>,
+    reached: Option<Reach>,
 }
 
 fn between(random: &mut Rand32, least: f32, most: f32) -> f32 {
@@ -67,13 +63,6 @@ fn logarithmic(random: &mut Rand32, least: f32, most: f32) -> f32 {
 
 fn chance(random: &mut Rand32, share: f32) -> bool {
     random.rand_float() < share
-}
-
-fn to(joints: [u16; JOINTS], speed: u16) -> Move {
-    Move {
-        joints: joints.map(|ticks| (Position::new(ticks).unwrap(), Speed::new(speed).unwrap())),
-        gripper: (Opening::CLOSED, GripperSpeed::DEFAULT),
-    }
 }
 
 impl World {
@@ -150,8 +139,8 @@ impl World {
                 self.arm.move_by_other(&target);
             }
             let joints = self.arm.joints();
-            for ((low, high), at) in self.reached.iter_mut().flatten().zip(joints) {
-                (*low, *high) = ((*low).min(at), (*high).max(at));
+            if let Some(reached) = &mut self.reached {
+                extend(reached, joints);
             }
         }
     }
@@ -187,10 +176,6 @@ impl World {
             self.sent.push((self.now + self.half(), *target));
         }
         self.pass(MILLISECOND);
-    }
-
-    fn sag_of(&self, joint: usize, ticks: f64) -> f64 {
-        self.sag * SHARES[joint] * ((ticks - 2048.0) / 4096.0 * TAU).cos()
     }
 }
 
@@ -266,23 +251,14 @@ fn run_seed(seed: u64, class: &Class, knows_goal: bool) -> Run {
     // The same arm, which is held at once, and raised by its sag.
     let mut reference = World::random(seed, class);
     reference.pass(at.since(reference.now));
-    let mut hold = to(state.joints, 2000);
-    for (joint, (position, _)) in hold.joints.iter_mut().enumerate() {
-        let ticks = f64::from(position.ticks());
-        let raised = ticks + reference.sag_of(joint, ticks);
-        *position = Position::new(raised.round() as u16).unwrap();
-    }
+    let hold = raised(state.joints, world.sag);
     reference.reached = Some(state.joints.map(|at| (at, at)));
     reference.pass(reference.half());
     reference.arm.move_by_other(&hold);
     reference.pass(Duration::from_millis(2_000));
-    let end = world.arm.joints();
-    let reached = world.reached.unwrap().into_iter().zip(reference.reached.unwrap());
-    for (joint, ((low, high), (least, most))) in reached.enumerate() {
-        let beyond = f64::from(least.saturating_sub(low).max(high.saturating_sub(most)));
-        let sags = [state.joints[joint], end[joint]].map(|ticks| world.sag_of(joint, ticks.into()).abs());
-        stopped.beyond_sag = stopped.beyond_sag.max(beyond - sags[0].max(sags[1]));
-    }
+    let poses = [state.joints, world.arm.joints()];
+    let (reached, still) = (world.reached.unwrap(), reference.reached.unwrap());
+    stopped.beyond_sag = travel_beyond_sag(&reached, &still, poses, world.sag).max(0.0);
     stopped
 }
 

@@ -1,30 +1,18 @@
 //! The firmware image and a stop of an arm with weight: what the arm does.
 
-use std::f64::consts::TAU;
-
-use armwire::ling::{GripperSpeed, JOINTS, Ling, MAX_FRAME, Move, Opening, Position, Request, Speed, TICKS_PER_TURN};
+use armwire::ling::{Ling, MAX_FRAME, Move, Request};
 use armwire::time::{Duration, Instant};
 use armwire::{Device, DeviceEvent};
 use armwire_bridge::control::{self, STOP_MS};
 use armwire_host_tests::image::requests::frame;
 use armwire_host_tests::image::{Control, MEGABAUD, on_board, plug_in};
+use armwire_host_tests::weight::{DEGREE, Reach, extend, raised, to, travel_beyond_sag};
 use armwire_sim::ling::{Config, LingArm};
 use armwire_virtual_board::line::Direction;
 use armwire_virtual_board::{Nanos, VirtualBoard};
 
-/// One degree, in ticks.
-const DEGREE: f64 = TICKS_PER_TURN as f64 / 360.0;
-/// The sag of the joints, as shares of the plant's: see [`armwire_sim::ling::Plant`].
-const SHARES: [f64; JOINTS] = [0.0, 1.0, 0.8, 0.0, 0.4, 0.0];
 /// The time in which a stopped arm comes to rest.
 const SETTLED: Nanos = Nanos::from_millis(STOP_MS as u64 + 200);
-
-fn to(joints: [u16; JOINTS], speed: u16) -> Move {
-    Move {
-        joints: joints.map(|ticks| (Position::new(ticks).unwrap(), Speed::new(speed).unwrap())),
-        gripper: (Opening::CLOSED, GripperSpeed::DEFAULT),
-    }
-}
 
 fn arm(plant: &str) -> LingArm {
     LingArm::new(Config {
@@ -58,42 +46,20 @@ fn instant(at: Nanos) -> Instant {
     Instant::from_micros(at.0 / 1_000)
 }
 
-/// The least and the largest positions of an arm.
-struct Reach([(u16, u16); JOINTS]);
-
-impl Reach {
-    fn take(&mut self, joints: [u16; JOINTS]) {
-        for ((low, high), at) in self.0.iter_mut().zip(joints) {
-            (*low, *high) = ((*low).min(at), (*high).max(at));
-        }
-    }
-}
-
-/// The reach of the same arm, which is held at `held`, and raised by its sag.
+/// What the same arm reaches, which is held at `held`, and raised by its sag.
 fn reference(plant: &str, sag: f64, moved: (Nanos, Move), held: Nanos) -> Reach {
     let mut arm = arm(plant);
     arm.advance(instant(moved.0));
     arm.move_by_other(&moved.1);
     arm.advance(instant(held));
     let joints = arm.joints();
-    let mut raised = to(joints, 2_000);
-    for (joint, (position, _)) in raised.joints.iter_mut().enumerate() {
-        let ticks = f64::from(position.ticks());
-        *position = Position::new((ticks + sag_of(sag, joint, ticks)).round() as u16).unwrap();
-    }
-    arm.move_by_other(&raised);
-    let mut reach = Reach(joints.map(|at| (at, at)));
+    arm.move_by_other(&raised(joints, sag));
+    let mut reached = joints.map(|at| (at, at));
     for millis in 1..=2_000 {
         arm.advance(instant(held) + Duration::from_millis(millis));
-        reach.take(arm.joints());
+        extend(&mut reached, arm.joints());
     }
-    reach
-}
-
-/// The distance at which a joint at this position rests below its goal.
-fn sag_of(sag: f64, joint: usize, ticks: f64) -> f64 {
-    let turns = (ticks - 2_048.0) / f64::from(TICKS_PER_TURN);
-    sag * SHARES[joint] * (turns * TAU).cos()
+    reached
 }
 
 /// Stops an arm with this plant that moves at this speed, and once more where it stands.
@@ -114,10 +80,10 @@ fn check(plant: &str, sag: f64, speed: u16) {
             board.run_for(Nanos::from_millis(1)).unwrap();
         }
         let joints = board.with_arm(|arm| arm.joints());
-        let mut reach = Reach(joints.map(|at| (at, at)));
+        let mut reached = joints.map(|at| (at, at));
         while board.now() < stopped + SETTLED {
             board.run_for(Nanos::from_millis(1)).unwrap();
-            reach.take(board.with_arm(|arm| arm.joints()));
+            extend(&mut reached, board.with_arm(|arm| arm.joints()));
         }
         let holds = moves(board, stopped);
         let pose = |(_, hold): &(Nanos, Move)| hold.joints.map(|(position, _)| position);
@@ -126,15 +92,8 @@ fn check(plant: &str, sag: f64, speed: u16) {
 
         let end = board.with_arm(|arm| arm.joints());
         let still = reference(plant, sag, moved, holds[0].0);
-        for (joint, ((low, high), (least, most))) in reach.0.into_iter().zip(still.0).enumerate() {
-            let beyond = f64::from(least.saturating_sub(low).max(high.saturating_sub(most)));
-            let sag = [joints[joint], end[joint]].map(|ticks| sag_of(sag, joint, ticks.into()).abs());
-            assert!(
-                beyond <= sag[0].max(sag[1]) + DEGREE,
-                "{plant}: joint {} goes {beyond} ticks beyond",
-                joint + 1
-            );
-        }
+        let beyond = travel_beyond_sag(&reached, &still, [joints, end], sag);
+        assert!(beyond <= DEGREE, "{plant}: {beyond} ticks beyond the sag");
 
         for _ in 0..2 {
             control.order(board, control::Request::Stop);
