@@ -9,7 +9,7 @@
 /**
  * Size of a client, in words of 64 bits.
  */
-#define ARMWIRE_ALPHA1_CLIENT_WORDS 128
+#define ARMWIRE_ALPHA1_CLIENT_WORDS 208
 
 /**
  * Size of a device, in words of 64 bits.
@@ -39,7 +39,7 @@
 /**
  * Size of a client, in words of 64 bits.
  */
-#define ARMWIRE_LING_CLIENT_WORDS 80
+#define ARMWIRE_LING_CLIENT_WORDS 160
 
 /**
  * Size of a device, in words of 64 bits.
@@ -74,7 +74,7 @@
 /**
  * Size of a client, in words of 64 bits.
  */
-#define ARMWIRE_XARM_CLIENT_WORDS 136
+#define ARMWIRE_XARM_CLIENT_WORDS 216
 
 /**
  * Size of a device, in words of 64 bits.

@@ -7,14 +7,20 @@ use thiserror::Error;
 
 use crate::correlation::{Effect, InfoOf, ResponseTiming};
 use crate::decoder::{Decoder, Item, Kind, Span};
-use crate::exchange::{Exchange, FirstByte, Handover, Match};
+use crate::exchange::{Exchange, FirstByte, Handover, Match, time_of_state};
+use crate::fences::{Fences, Who};
 use crate::framing::Reason;
 use crate::messages::Messages;
 use crate::time::{Duration, Instant};
 use crate::{BufferTooShort, Cause, OutOfRange, ParseError};
 
-/// Sends that may be unresolved: the one in flight, and stale ones.
-const SENDS: usize = 4;
+/// Sends that may be unresolved: the one in flight, stale ones, and fences.
+const SENDS: usize = 12;
+/// Places for fences, beyond one for each: new ones of a key, before the old ones of that key are known to be lost.
+const NEW_FENCES: usize = 2;
+
+/// The stale windows until an answer is lost at an arm that has answered no fence yet: a stall may hold that answer back.
+const WINDOWS_OF_STALL: u64 = 20;
 
 /// A part of a void.
 static ZEROS: [u8; 32] = [0; 32];
@@ -39,10 +45,11 @@ pub struct Config {
     pub latency: Duration,
     /// Number of repeats of an unanswered read request.
     pub repeats: u8,
-    /// Time after the timeout of an answer during which it may still arrive. After a missing answer, the next request
-    /// with the same key is delayed by this time, unless the protocol numbers its answers. An answer after this time
-    /// can be assigned to the wrong request. The time counts from the acceptance of the request: a port that accepts
-    /// bytes and transmits them later than this can cause such an answer.
+    /// Time after the timeout of an answer during which it may still arrive, on a line without
+    /// [fences](Messages::FENCES). After a missing answer, the next request with the same key is delayed by this time,
+    /// unless the protocol numbers its answers. An answer after this time can be assigned to the wrong request. The time
+    /// counts from the acceptance of the request: a port that accepts bytes and transmits them later than this can cause
+    /// such an answer. With fences, a request waits at most twice this time for their answers, or its own timeout.
     pub stale_window: Duration,
     /// Maximum number of bytes that are [received](Output::Receive) before a request, on a port that never runs out of
     /// them. The size of the port's receive buffer suffices. 0 counts as 1. A port that buffers more can deliver an
@@ -137,7 +144,8 @@ pub enum Event<'a, R> {
     Sent,
     /// The request in flight got no answer in time.
     TimedOut {
-        /// The number of transmissions of the request.
+        /// The number of transmissions of the request. 0 if the answer to an earlier request may still arrive, and the
+        /// arm did not answer the fences that would show its loss.
         sends: u8,
     },
     /// An answer to a request that timed out, was cancelled, or was answered before.
@@ -191,11 +199,13 @@ pub enum SubmitError {
 /// The request in flight.
 struct Call {
     state: State,
+    /// The time since which it waits for an earlier answer.
+    blocked: Option<Instant>,
     /// The number of complete transmissions.
     sends: u8,
     /// The number of remaining repeats.
     repeats: u8,
-    /// True for one of many readings, which waits for no earlier answer.
+    /// True for one of many readings, which does not wait for those before.
     is_reading: bool,
 }
 
@@ -215,8 +225,9 @@ enum State {
 
 /// The outgoing frame and its possible answers.
 struct Outgoing<M: Messages, const N: usize> {
-    exchange: Exchange<M, (), SENDS>,
+    exchange: Exchange<M, Who, SENDS>,
     call: Option<Call>,
+    fences: Fences,
     /// The properties of the frame in `tx` for the exchange. `None` before the first.
     info: Option<InfoOf<M>>,
     tx: [u8; N],
@@ -231,7 +242,7 @@ impl<M: Messages, const N: usize> Outgoing<M, N> {
     /// voided: the arm must not execute a request that has ended.
     fn end(&mut self) {
         let call = self.call.take();
-        self.exchange.give_up(());
+        self.exchange.give_up(Who::Call);
         if let Some(State::Writing(1..)) = call.map(|call| call.state) {
             self.void = M::LONGEST;
         }
@@ -243,22 +254,38 @@ impl<M: Messages, const N: usize> Outgoing<M, N> {
         self.call.take().is_some()
     }
 
-    /// Starts transmission, if the request in flight may be sent now.
-    fn start(&mut self, config: &Config) {
+    /// Starts transmission, if the request in flight may be sent now, or of a fence before it.
+    fn start(&mut self, messages: &M, config: &Config, now: Instant) {
         let Some(call) = self.call.as_mut().filter(|call| call.state == State::Ready) else {
             return;
         };
-        let info = self.info.as_ref();
         if call.sends > 0 {
             // A repeat belongs to the same call. It never waits, and an answer in the port is an answer to the call.
             call.state = State::Writing(0);
-        } else if info.is_none_or(|info| match call.is_reading {
-            true => self.exchange.can_read(info, ()),
-            false => self.exchange.can_send(info, ()),
-        }) {
-            let can_be_confused = !M::HAS_TRANSACTION_ID && info.is_some_and(|info| info.response.is_some());
-            // One read suffices if no old answer can be taken for the new one. It bounds the bytes in the port.
-            call.state = State::Reading(if can_be_confused { config.backlog } else { 0 });
+            return;
+        }
+        let Some(info) = self.info.as_ref().filter(|info| info.response.is_some()) else {
+            // One read suffices: it bounds the bytes in the port.
+            call.state = State::Reading(0);
+            return;
+        };
+        let are_fences_on = self.fences.are_on::<M>();
+        // Fences have their places.
+        let has_room = !are_fences_on || self.exchange.open(Who::Call) + M::FENCES.len() + NEW_FENCES < SENDS;
+        let may_go = has_room
+            && match call.is_reading {
+                true => self.exchange.can_read(info, Who::Call),
+                false => self.exchange.can_send(info, Who::Call),
+            };
+        let is_fenced = !may_go || self.exchange.missing_answers(info.key) > 0;
+        if are_fences_on && (is_fenced || call.is_reading && !self.fences.are_known()) {
+            self.fences.start(messages, &self.exchange, now);
+        }
+        if may_go && self.fences.pending().is_empty() {
+            // One read suffices if no old answer can be taken for the new one.
+            call.state = State::Reading(if M::HAS_TRANSACTION_ID { 0 } else { config.backlog });
+        } else if !may_go && are_fences_on {
+            call.blocked.get_or_insert(now);
         }
     }
 
@@ -277,20 +304,43 @@ impl<M: Messages, const N: usize> Outgoing<M, N> {
 
     /// The next bytes to transmit.
     fn pending(&self) -> &[u8] {
-        match (self.void, &self.call) {
-            (0, Some(call)) => match call.state {
+        let fence = self.fences.pending();
+        match &self.call {
+            _ if self.void > 0 => ZEROS.get(..self.void).unwrap_or(&ZEROS),
+            _ if !fence.is_empty() => fence,
+            Some(call) => match call.state {
                 State::Writing(at) => self.tx.get(at..self.len).unwrap_or_default(),
                 _ => &[],
             },
-            (0, None) => &[],
-            (void, _) => ZEROS.get(..void).unwrap_or(&ZEROS),
+            None => &[],
         }
     }
 
     /// The port accepted `n` of the pending bytes.
-    fn transmitted(&mut self, n: usize, config: &Config, received: u64, now: Instant) {
+    fn transmitted(&mut self, messages: &M, n: usize, config: &Config, received: u64, now: Instant) {
+        let handover = |len, response| Handover {
+            offset: received,
+            at: now,
+            due: now + config.timeout(len, response),
+        };
         if self.void > 0 {
             self.void = self.void.saturating_sub(n);
+            return;
+        }
+        if !self.fences.pending().is_empty() {
+            let complete = self.fences.transmitted(n, now, config.latency, config.stale_window);
+            if let Some(fence) = complete
+                && let Some(info) = messages.request(fence.frame)
+                && let Some(response) = info.response
+            {
+                let handover = handover(fence.frame.len(), response);
+                match fence.is_new && self.exchange.open(Who::Fence) < M::FENCES.len() + NEW_FENCES {
+                    true => drop(self.exchange.begin(info, Who::Fence, handover)),
+                    false => self.exchange.repeat(info, Who::Fence, handover),
+                }
+                // Nothing waits for its answer.
+                self.exchange.give_up(Who::Fence);
+            }
             return;
         }
         let Some(call) = &mut self.call else { return };
@@ -304,14 +354,10 @@ impl<M: Messages, const N: usize> Outgoing<M, N> {
             call.state = State::Sent;
             return;
         };
-        let handover = Handover {
-            offset: received,
-            at: now,
-            due: now + config.timeout(self.len, response),
-        };
-        match call.is_reading {
-            true => self.exchange.begin_reading(info, (), handover),
-            false => self.exchange.repeat(info, (), handover),
+        let handover = handover(self.len, response);
+        match call.sends {
+            0 => drop(self.exchange.begin(info, Who::Call, handover)),
+            _ => self.exchange.repeat(info, Who::Call, handover),
         }
         call.sends = call.sends.saturating_add(1);
         call.state = State::Waiting;
@@ -331,7 +377,15 @@ impl<M: Messages, const N: usize> Outgoing<M, N> {
     /// The timeout of the answer to the request in flight.
     fn due(&self) -> Option<Instant> {
         let waiting = self.call.as_ref().is_some_and(|call| call.state == State::Waiting);
-        self.exchange.due(()).filter(|_| waiting)
+        self.exchange.due(Who::Call).filter(|_| waiting)
+    }
+
+    /// The time at which a request that waits for an earlier answer is given up.
+    fn end_of_wait(&self, config: &Config) -> Option<Instant> {
+        let call = self.call.as_ref().filter(|call| call.state == State::Ready)?;
+        let response = self.info?.response?;
+        let windows = config.stale_window + config.stale_window;
+        Some(call.blocked? + windows.max(config.timeout(self.len, response)))
     }
 
     /// Handles a missing answer: schedules a repeat, or ends the call and returns its number of transmissions.
@@ -356,10 +410,15 @@ impl<M: Messages, const N: usize> Outgoing<M, N> {
 /// event, or wait. The client does no I/O and reads no clock: it runs in an interrupt handler, in a task, or in a test
 /// without real time. 260 bytes hold every message of every protocol; a frame that is longer than `N` is noise.
 ///
-/// A late answer never satisfies the next request, except a [reading](Self::submit_reading). While an answer to an
-/// earlier request is possible (the request timed out, was repeated, or was cancelled), the next request with the same
-/// key waits until the answer arrives or [`Config::stale_window`] ends. Requests without an answer, such as torque off,
-/// never wait. No request waits on a protocol with numbered answers, whose requests the client numbers.
+/// A late answer never satisfies the next request. While an answer to an earlier request is possible (the request timed
+/// out, was repeated, or was cancelled), the next request with the same key waits until the answer arrives or is lost.
+/// Requests without an answer, such as torque off, never wait. No request waits on a protocol with numbered answers, whose
+/// requests the client numbers.
+///
+/// The order of answers shows that an earlier one is lost, and time does not: a line may hold its bytes back. A request
+/// that waits is preceded by a [fence](Messages::FENCES), a read with another key. An unanswered fence is followed by the
+/// next one after [`Config::latency`], and after twice that time again. An arm that answers no fence, or out of order, is
+/// recognised: there an answer counts as lost at the end of [`Config::stale_window`].
 ///
 /// # A call
 ///
@@ -462,6 +521,10 @@ pub struct Client<M: Messages, const N: usize> {
     number: u16,
     /// The length of the last event's frame, while the decoder has its bytes; 0 for none.
     frame_len: usize,
+    /// The time of the state in the last event's answer.
+    time_of_state: Option<Instant>,
+    /// The newest of these times.
+    newest: Instant,
 }
 
 impl<M: Messages, const N: usize> Client<M, N> {
@@ -472,8 +535,12 @@ impl<M: Messages, const N: usize> Client<M, N> {
             config,
             decoder: Decoder::new(),
             outgoing: Outgoing {
-                exchange: Exchange::new(config.stale_window),
+                exchange: Exchange::new(match M::FENCES.is_empty() {
+                    true => config.stale_window,
+                    false => Duration::from_micros(WINDOWS_OF_STALL.saturating_mul(config.stale_window.as_micros())),
+                }),
                 call: None,
+                fences: Fences::new(),
                 info: None,
                 tx: [0; N],
                 len: 0,
@@ -482,6 +549,8 @@ impl<M: Messages, const N: usize> Client<M, N> {
             last_rx: Instant::ZERO,
             number: 0,
             frame_len: 0,
+            time_of_state: None,
+            newest: Instant::ZERO,
         }
     }
 
@@ -503,13 +572,13 @@ impl<M: Messages, const N: usize> Client<M, N> {
         self.start(request, false)
     }
 
-    /// Starts a reading, as one of many at a steady rate. It is not repeated, and waits for no answer to an earlier
-    /// request with the same key that has ended: a lost answer does not delay the next reading.
+    /// Starts a reading, as one of many at a steady rate. It is not repeated, and does not wait for the answer to an
+    /// earlier one that was cancelled or has timed out: a lost answer does not delay the next reading. Up to seven readings
+    /// may be without an answer, for a line whose round trip is longer than the time between two.
     ///
-    /// Such an earlier answer is taken for the answer to this reading, if it arrives after its transmission. Both have
-    /// the arm's state, and one is newer. Use [`submit`](Self::submit) where the state must be newer than the request.
-    /// It waits for the answers to lost readings as to any other request: until the stale window of the last reading
-    /// ends, since that reading may have taken an earlier answer.
+    /// Each answer is that of the oldest reading without one: [`Event::Late`] if that was cancelled. After a lost answer, a
+    /// fence goes out before the next reading, and shows the loss. Until then [`time_of_state`](Self::time_of_state) is
+    /// that of the earlier reading, if it took more than 10 ms.
     ///
     /// # Errors
     ///
@@ -521,18 +590,28 @@ impl<M: Messages, const N: usize> Client<M, N> {
     /// # use armwire::ling::{Ling, Request};
     /// # use armwire::time::Instant;
     /// # use armwire::{Client, Config, Output};
-    /// # let mut client = Client::<Ling, 70>::new(Ling, Config::default());
-    /// # let now = Instant::ZERO;
+    /// # /// Returns the number of bytes that go out.
+    /// # fn transmit(client: &mut Client<Ling, 70>) -> usize {
+    /// #     let (mut sent, now) = (0, Instant::ZERO);
+    /// #     loop {
+    /// #         match client.poll(now) {
+    /// #             Output::Receive => client.received(now, 0).unwrap(),
+    /// #             Output::Transmit(bytes) => {
+    /// #                 let n = bytes.len();
+    /// #                 sent += n;
+    /// #                 client.transmitted(now, n).unwrap();
+    /// #             }
+    /// #             Output::Event(_) | Output::Timeout(_) => return sent,
+    /// #         }
+    /// #     }
+    /// # }
+    /// let mut client = Client::<Ling, 70>::new(Ling, Config::default());
     /// client.submit_reading(&Request::ReadJoints).unwrap();
-    /// # assert_eq!(client.poll(now), Output::Receive);
-    /// # client.received(now, 0).unwrap();
-    /// # let Output::Transmit(bytes) = client.poll(now) else { panic!("nothing to transmit") };
-    /// # let n = bytes.len();
-    /// # client.transmitted(now, n).unwrap();
+    /// assert_eq!(transmit(&mut client), 14, "a fence, and the reading");
     /// // Its answer is lost, and the next reading is due.
     /// client.cancel();
     /// client.submit_reading(&Request::ReadJoints).unwrap();
-    /// assert_eq!(client.poll(now), Output::Receive);
+    /// assert_eq!(transmit(&mut client), 7);
     /// ```
     pub fn submit_reading(&mut self, request: &M::Request<'_>) -> Result<(), SubmitError> {
         self.start(request, true)
@@ -558,6 +637,7 @@ impl<M: Messages, const N: usize> Client<M, N> {
         self.number = number;
         out.call = Some(Call {
             state: State::Ready,
+            blocked: None,
             sends: 0,
             repeats: if is_reading { 0 } else { self.config.repeats },
             is_reading,
@@ -656,6 +736,24 @@ impl<M: Messages, const N: usize> Client<M, N> {
         self.decoder.taken(self.frame_len)
     }
 
+    /// The time of the state in the answer of the last event, also of a late one: that of its receipt if it took at most
+    /// 10 ms, else that of its request, for the line may have held it back. Never before that of an earlier answer. `None`
+    /// after any other output of [`poll`](Self::poll).
+    pub const fn time_of_state(&self) -> Option<Instant> {
+        self.time_of_state
+    }
+
+    /// Returns true if the order of answers shows which are lost: the arm answers [fences](Messages::FENCES), or it is not
+    /// known yet. False for a protocol without them.
+    pub const fn has_fences(&self) -> bool {
+        self.outgoing.fences.are_on::<M>()
+    }
+
+    /// The number of answers that came out of order. After the first, only time shows which are lost.
+    pub const fn out_of_order(&self) -> u16 {
+        self.outgoing.exchange.out_of_order()
+    }
+
     /// The port accepted the first `n` bytes of [`Output::Transmit`]. Call it before a flush, which may fail or be
     /// dropped: accepted bytes count.
     ///
@@ -668,14 +766,14 @@ impl<M: Messages, const N: usize> Client<M, N> {
         if n > left {
             return Err(OutOfRange::new("transmitted", "bytes", n, 0, left));
         }
-        out.transmitted(n, &self.config, self.decoder.received(), now);
+        out.transmitted(&self.messages, n, &self.config, self.decoder.received(), now);
         Ok(())
     }
 
     /// Returns the next action. Call it again after an event, after bytes were received or transmitted, and at the
     /// returned time.
     pub fn poll(&mut self, now: Instant) -> Output<'_, M::Response<'_>> {
-        self.frame_len = 0;
+        (self.frame_len, self.time_of_state) = (0, None);
         let out = &mut self.outgoing;
         if out.call.as_ref().is_some_and(|call| call.state == State::Sent) {
             out.call = None;
@@ -686,9 +784,15 @@ impl<M: Messages, const N: usize> Client<M, N> {
         if due.is_some_and(|due| due <= now) && self.last_rx + self.config.latency <= now {
             self.decoder.idle();
         }
-        let expect = self.outgoing.exchange.expect(&self.messages);
-        if let Some(span) = self.decoder.advance_to_event(&self.messages, expect) {
-            return Output::Event(self.event(span, expect, now));
+        loop {
+            let expect = self.outgoing.exchange.expect(&self.messages);
+            let Some(span) = self.decoder.advance_to_event(&self.messages, expect) else {
+                break;
+            };
+            let matched = self.assign(span, now);
+            if !matches!(matched, Some(Match::Late { who: Who::Fence, .. })) {
+                return Output::Event(self.event(span, expect, matched));
+            }
         }
         // After decoding, because bytes may have arrived long before they were passed in; and not between the read of
         // the port and the end of the request, because an answer may have arrived there since.
@@ -715,13 +819,21 @@ impl<M: Messages, const N: usize> Client<M, N> {
         }
         let out = &mut self.outgoing;
         if out.void == 0 {
-            out.start(&self.config);
+            out.start(&self.messages, &self.config, now);
+        }
+        let end = out.end_of_wait(&self.config);
+        if end.is_some_and(|end| end <= now) {
+            out.end();
+            return Output::Event(Event::TimedOut { sends: 0 });
         }
         let bytes = out.pending();
         match out.call.as_ref().map(|call| call.state) {
             _ if !bytes.is_empty() => Output::Transmit(bytes),
             Some(State::Reading(_)) => Output::Receive,
-            Some(_) => Output::Timeout(out.exchange.timeout()),
+            Some(_) => {
+                let fence = end.map(|_| out.fences.due());
+                Output::Timeout(out.exchange.timeout().into_iter().chain(end).chain(fence).min())
+            }
             None => Output::Timeout(None),
         }
     }
@@ -736,33 +848,65 @@ impl<M: Messages, const N: usize> Client<M, N> {
         }
     }
 
-    /// The event of an item.
-    fn event(&mut self, span: Span, expect: M::Expect, now: Instant) -> Event<'_, M::Response<'_>> {
+    /// Assigns a frame to the request that it answers. `None` if the item is no frame.
+    fn assign(&mut self, span: Span, now: Instant) -> Option<Match<Who>> {
         let Item { offset, kind, bytes } = self.decoder.item(span);
-        match kind {
-            Kind::Noise(reason) => return Event::Noise { offset, bytes, reason },
-            Kind::Broken(reason) => {
+        if !matches!(kind, Kind::Frame | Kind::Padding) {
+            return None;
+        }
+        let out = &mut self.outgoing;
+        let fences = out.exchange.open(Who::Fence);
+        let first = FirstByte { offset, at: None };
+        let matched = out.exchange.on_frame(&self.messages, bytes, first, now);
+        match matched {
+            Match::Answer { sent, .. } | Match::Late { who: Who::Call, sent } => {
+                // The state is newer than that of the answer before.
+                self.newest = self.newest.max(time_of_state(sent, self.last_rx));
+                self.time_of_state = Some(self.newest);
+            }
+            Match::Late { who: Who::Fence, .. } => out.fences.answered(&self.messages, &out.exchange, now),
+            Match::Unsolicited => {}
+        }
+        if let Match::Answer { .. } = matched {
+            out.end();
+        }
+        if !matches!(matched, Match::Late { who: Who::Fence, .. }) {
+            out.fences.lost(fences.saturating_sub(out.exchange.open(Who::Fence)));
+        }
+        if out.exchange.out_of_order() > 0 {
+            out.fences.out_of_order();
+        }
+        if !out.fences.are_on::<M>() {
+            out.exchange.set_stale_window(self.config.stale_window);
+        } else if out.fences.are_answered() {
+            // Only order shows that an answer is lost.
+            out.exchange.set_stale_window(Duration::MAX);
+        }
+        Some(matched)
+    }
+
+    /// The event of an item, which answers this request if it is a frame.
+    fn event(&mut self, span: Span, expect: M::Expect, matched: Option<Match<Who>>) -> Event<'_, M::Response<'_>> {
+        let Item { offset, kind, bytes } = self.decoder.item(span);
+        let matched = match (kind, matched) {
+            (Kind::Noise(reason), _) => return Event::Noise { offset, bytes, reason },
+            (Kind::Broken(reason), _) => {
                 self.outgoing.stop();
                 return Event::Broken { offset, reason };
             }
-            Kind::Frame | Kind::Padding => {}
-        }
+            (Kind::Frame | Kind::Padding, matched) => matched.unwrap_or(Match::Unsolicited),
+        };
         self.frame_len = bytes.len();
-        let first = FirstByte { offset, at: None };
-        let matched = self.outgoing.exchange.on_frame(&self.messages, bytes, first, now);
-        if let Match::Answer { .. } = matched {
-            self.outgoing.end();
-        }
         match (matched, self.messages.parse_response(bytes, expect)) {
             (Match::Answer { .. }, Ok(response)) => Event::Answer(response),
             (Match::Answer { .. }, Err(error)) => match error.cause {
                 Cause::ErrorFrame => Event::ErrorFrame { frame: bytes },
                 _ => Event::Unacceptable(error),
             },
-            (Match::Late(()), Ok(response)) => Event::Late(response),
+            (Match::Late { .. }, Ok(response)) => Event::Late(response),
             (Match::Unsolicited, Ok(response)) => Event::Unsolicited(response),
             (Match::Unsolicited, Err(_)) if !M::LOSSLESS && self.messages.parse_request(bytes).is_ok() => Event::Echo,
-            (Match::Late(()) | Match::Unsolicited, Err(error)) => Event::Unknown { frame: bytes, error },
+            (Match::Late { .. } | Match::Unsolicited, Err(error)) => Event::Unknown { frame: bytes, error },
         }
     }
 }

@@ -7,8 +7,9 @@
 //! waiting, then *stale*. The rules:
 //!
 //! * An answer belongs to the oldest unresolved send of its key that was handed over before the answer's first byte: by
-//!   the decoder's offset, and by time if bytes have time stamps. A send is resolved by its answer or, once stale, at
-//!   its timeout plus the stale window. A repeat belongs to the same send, which then has as many answers.
+//!   the decoder's offset, and by time if bytes have time stamps. A send is resolved by its answer. A stale one is also
+//!   resolved by the answer to a send that was handed over later, because an arm answers in the order of its requests;
+//!   and at its timeout plus the stale window. A repeat belongs to the same send, which then has as many answers.
 //! * A request with an answer may be sent if there is no unresolved stale send of its key by any initiator, no
 //!   unresolved send of its key by another initiator, and no unresolved send with another `Expect`. Requests without an
 //!   answer never wait. The caller decides the order of waiting requests.
@@ -19,8 +20,8 @@
 //! * Only an answer moves a deadline: an arm answers one request after the other, and the timeouts of later requests
 //!   start then.
 //! * A *reading* is one of many requests for a state at a steady rate. It waits for no stale send of its key by its own
-//!   initiator, and takes an answer before them: each answer has the state, and only their number is exact. The sends
-//!   that it overtakes become one, with as many answers, which ends no earlier than the reading's own stale window.
+//!   initiator: the answer to that one comes first.
+//! * The answer to a send that was resolved by order is out of order. It is counted, and order resolves no send any more.
 //!
 //! An answer later than the stale window can be assigned to the wrong request.
 
@@ -39,6 +40,15 @@ pub struct Handover {
     pub at: Instant,
     /// The timeout of its answer.
     pub due: Instant,
+}
+
+/// The longest time to an answer whose state is as new as its receipt.
+const PROMPT: Duration = Duration::from_millis(10);
+
+/// The time of the state in an answer: that of its receipt, or of its request if it took more than 10 ms. The line, or the
+/// arm, may have held a later answer back.
+pub fn time_of_state(sent: Instant, received: Instant) -> Instant {
+    if received.since(sent) <= PROMPT { received } else { sent }
 }
 
 /// The position of a frame's first byte among the received bytes.
@@ -62,8 +72,13 @@ pub enum Match<I> {
         /// The time of its last byte on the line.
         sent: Instant,
     },
-    /// A stale request of this initiator.
-    Late(I),
+    /// A stale request.
+    Late {
+        /// Its initiator.
+        who: I,
+        /// The time of its last byte on the line.
+        sent: Instant,
+    },
     /// No request.
     Unsolicited,
 }
@@ -74,7 +89,10 @@ struct Sent<D: Correlation, I> {
     expect: D::Expect,
     who: I,
     offset: u64,
+    /// No answer to an earlier handover is possible.
     at: Instant,
+    /// The last handover.
+    last: Instant,
     due: Instant,
     /// Maximum time to the answer, from the end of the request or from the previous answer.
     timeout: Duration,
@@ -91,6 +109,7 @@ impl<D: Correlation, I: Copy + Eq> Sent<D, I> {
             who,
             offset: handover.offset,
             at: handover.at,
+            last: handover.at,
             due: handover.due,
             timeout: handover.due.since(handover.at),
             times: 1,
@@ -105,9 +124,17 @@ impl<D: Correlation, I: Copy + Eq> Sent<D, I> {
             && correlation.is_response_to(self.key, frame)
     }
 
-    /// Returns true for a stale send of this key by `who`.
-    fn is_stale_of(&self, key: D::Key, who: I) -> bool {
-        self.stale && self.key == key && self.who == who
+    /// Returns true for an unresolved send of this key by `who`.
+    fn is_of(&self, key: D::Key, who: I) -> bool {
+        self.key == key && self.who == who
+    }
+
+    /// Takes one of its answers. The answer to its last handover may be left.
+    fn answered(&mut self) {
+        self.times = self.times.saturating_sub(1);
+        if self.times == 1 {
+            self.at = self.last;
+        }
     }
 
     /// Returns true if a request of `who` must wait until this send is resolved.
@@ -125,9 +152,12 @@ struct Saturation {
 /// The unresolved sends on one line, at most `N`. `I` identifies the initiator; use `()` for a single one.
 pub struct Exchange<D: Correlation, I, const N: usize> {
     stale_window: Duration,
-    /// In the order in which answers are assigned, without gaps: that of handover, but for sends behind a reading.
+    /// In the order of their first handovers, without gaps.
     sends: Slots<Sent<D, I>, N>,
     saturated: Option<Saturation>,
+    /// The key of the last send that was resolved by order.
+    lost: Option<D::Key>,
+    out_of_order: u16,
 }
 
 impl<D: Correlation, I: Copy + Eq, const N: usize> Exchange<D, I, N> {
@@ -138,7 +168,14 @@ impl<D: Correlation, I: Copy + Eq, const N: usize> Exchange<D, I, N> {
             stale_window,
             sends: Slots::new(),
             saturated: None,
+            lost: None,
+            out_of_order: 0,
         }
+    }
+
+    /// Changes the stale window, of all sends.
+    pub const fn set_stale_window(&mut self, window: Duration) {
+        self.stale_window = window;
     }
 
     /// The decoder's expectation: the answer to the oldest unresolved send.
@@ -156,45 +193,40 @@ impl<D: Correlation, I: Copy + Eq, const N: usize> Exchange<D, I, N> {
 
     /// Returns true if a reading may be sent now.
     pub fn can_read(&self, info: &InfoOf<D>, who: I) -> bool {
-        self.is_free(info, who, |sent| sent.is_stale_of(info.key, who))
+        self.is_free(info, who, |sent| sent.is_of(info.key, who))
     }
 
-    /// Returns true if a request may be sent now that waits for no `overtaken` send. Of these, one remains.
-    fn is_free(&self, info: &InfoOf<D>, who: I, overtaken: impl Fn(&Sent<D, I>) -> bool) -> bool {
+    /// Returns true if a request may be sent now that waits for no `passed` send.
+    fn is_free(&self, info: &InfoOf<D>, who: I, passed: impl Fn(&Sent<D, I>) -> bool) -> bool {
         if info.response.is_none() {
             return true;
         }
         if D::HAS_TRANSACTION_ID {
             return self.sends.len() < N || self.sends.iter().any(|sent| sent.stale);
         }
-        let freed = self
-            .sends
-            .iter()
-            .filter(|sent| overtaken(sent))
-            .count()
-            .saturating_sub(1);
-        let has_room = self.sends.len().saturating_sub(freed) < N;
-        let blocks = |sent: &Sent<D, I>| !overtaken(sent) && sent.blocks(info, who);
-        has_room && self.saturated.is_none() && !self.sends.iter().any(blocks)
+        let blocks = |sent: &Sent<D, I>| !passed(sent) && sent.blocks(info, who);
+        self.has_room() && !self.sends.iter().any(blocks)
     }
 
-    /// A reading was handed over, which [may be sent](Self::can_read).
-    pub fn begin_reading(&mut self, info: InfoOf<D>, who: I, handover: Handover) {
-        let is_overtaken = |sent: &Sent<D, I>| sent.is_stale_of(info.key, who);
-        let mut overtaken = self.sends.remove_first_where(is_overtaken);
-        if let Some(sent) = &mut overtaken {
-            while let Some(other) = self.sends.remove_first_where(is_overtaken) {
-                sent.times = sent.times.saturating_add(other.times);
-                sent.due = sent.due.max(other.due);
-            }
-            // If the reading takes an earlier answer, its own is still to come.
-            sent.due = sent.due.max(handover.due);
-        }
-        self.begin(info, who, handover);
-        if let Some(sent) = overtaken {
-            // Behind the reading, which takes the next answer.
-            self.sends.push(sent);
-        }
+    /// Returns true if a further send can be tracked.
+    fn has_room(&self) -> bool {
+        self.saturated.is_none() && self.sends.len() < N
+    }
+
+    /// The number of unresolved sends of this initiator.
+    pub fn open(&self, who: I) -> usize {
+        self.sends.iter().filter(|sent| sent.who == who).count()
+    }
+
+    /// The number of handovers of this key that may be answered, by any initiator.
+    pub fn missing_answers(&self, key: D::Key) -> u16 {
+        let sends = self.sends.iter().filter(|sent| sent.key == key);
+        sends.fold(0, |sum, sent| sum.saturating_add(sent.times))
+    }
+
+    /// The number of answers that came out of order.
+    pub const fn out_of_order(&self) -> u16 {
+        self.out_of_order
     }
 
     /// A request was handed over. Returns true if its send is tracked.
@@ -225,16 +257,16 @@ impl<D: Correlation, I: Copy + Eq, const N: usize> Exchange<D, I, N> {
         false
     }
 
-    /// A request was handed over again: one more answer is possible. Its timeout is that of the repeat.
+    /// The request of the last send was handed over again: one more answer is possible. Its timeout is that of the repeat.
     pub fn repeat(&mut self, info: InfoOf<D>, who: I, handover: Handover) {
-        let of_call = |sent: &&mut Sent<D, I>| sent.who == who && sent.key == info.key;
-        let sent = self.sends.iter_mut().find(of_call);
+        let of_call = |sent: &&mut Sent<D, I>| sent.is_of(info.key, who);
+        let sent = self.sends.iter_mut().filter(of_call).last();
         let Some(sent) = sent else {
             self.begin(info, who, handover);
             return;
         };
         sent.times = sent.times.saturating_add(1);
-        sent.due = handover.due;
+        (sent.last, sent.due) = (handover.at, handover.due);
         sent.stale = false;
     }
 
@@ -248,12 +280,16 @@ impl<D: Correlation, I: Copy + Eq, const N: usize> Exchange<D, I, N> {
         }
         let window = self.stale_window;
         let is_answered = |sent: &&mut Sent<D, I>| sent.is_answered_by(correlation, frame, first);
-        let Some(sent) = self.sends.iter_mut().find(is_answered) else {
+        let Some(answered) = self.sends.iter_mut().find(is_answered) else {
+            self.check_order(correlation, frame);
             return Match::Unsolicited;
         };
-        sent.times = sent.times.saturating_sub(1);
-        let (who, sent, stale) = (sent.who, sent.at, sent.stale);
-        self.sends.remove_first_where(|sent| sent.times == 0);
+        let (who, sent, stale) = (answered.who, answered.at, answered.stale);
+        answered.answered();
+        if !D::HAS_TRANSACTION_ID && self.out_of_order == 0 {
+            self.resolve_before(sent);
+        }
+        self.sends.remove_where(|sent| sent.times == 0);
         for behind in self.sends.iter_mut().filter(|other| sent <= other.at && !other.stale) {
             behind.due = behind.due.max(now + behind.timeout);
         }
@@ -261,8 +297,26 @@ impl<D: Correlation, I: Copy + Eq, const N: usize> Exchange<D, I, N> {
             saturation.until = saturation.until.max(now + saturation.timeout + window);
         }
         match stale {
-            true => Match::Late(who),
+            true => Match::Late { who, sent },
             false => Match::Answer { who, sent },
+        }
+    }
+
+    /// Resolves the stale sends whose last handover was before this time: a later request was answered.
+    fn resolve_before(&mut self, sent: Instant) {
+        for earlier in self.sends.iter_mut().filter(|other| other.stale && other.last < sent) {
+            earlier.times = 0;
+            self.lost = Some(earlier.key);
+        }
+    }
+
+    /// Counts a frame that answers a send which order has resolved.
+    fn check_order(&mut self, correlation: &D, frame: &[u8]) {
+        if let Some(key) = self.lost
+            && self.saturated.is_none()
+            && correlation.is_response_to(key, frame)
+        {
+            self.out_of_order = self.out_of_order.saturating_add(1);
         }
     }
 

@@ -61,6 +61,7 @@ mod device;
 pub mod driver;
 mod error;
 pub mod exchange;
+mod fences;
 pub mod framing;
 #[cfg(fuzzing)]
 mod fuzzing;

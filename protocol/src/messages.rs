@@ -18,6 +18,11 @@ pub trait Messages: Correlation {
     /// A message of the arm. Its text contains every value with its unit, and text from outside escaped.
     type Response<'a>: Copy + PartialEq + Debug + Display;
 
+    /// Reads with different keys that every arm of this kind answers, as frames. An arm answers in the order of its
+    /// requests: the answer to such a *fence* shows that all earlier answers have arrived or are lost. Empty if answers
+    /// have numbers, or if the order is unknown.
+    const FENCES: &'static [&'static [u8]] = &[];
+
     /// Writes a request at the front of `out` and returns its length in bytes.
     ///
     /// # Errors

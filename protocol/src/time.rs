@@ -89,6 +89,8 @@ pub struct Duration(u64);
 impl Duration {
     /// No time.
     pub const ZERO: Self = Self(0);
+    /// The longest span. An instant after it is the last one.
+    pub const MAX: Self = Self(u64::MAX);
 
     /// The span of this many microseconds.
     pub const fn from_micros(micros: u64) -> Self {

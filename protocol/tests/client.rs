@@ -3,6 +3,7 @@
 use std::fmt::Debug;
 
 use armwire::alpha1::{self, Alpha1, Text};
+use armwire::correlation::{Correlation, Effect};
 use armwire::framing::{Framing, Reason};
 use armwire::ling::{
     self, GripperSpeed, JointState, Ling, MotionStatus, Move, Opening, Position, Request, Response, Speed, Stroke,
@@ -245,10 +246,17 @@ fn answer_to_repeat_counts_and_original_is_late() {
     assert_eq!(host.receive(&bytes(JOINTS)), [describe(Event::Unsolicited(JOINTS))]);
 }
 
+/// Transmits a fence, which goes out before the request in flight.
+fn transmit_fence(host: &mut Lings) -> Vec<u8> {
+    let sent = host.transmit_bytes();
+    assert!(Ling::FENCES.contains(&&sent[..]), "{sent:02X?}");
+    sent
+}
+
 /// The next request is delayed until the late answer has arrived, and gets its own.
 fn expect_late_answer_first(host: &mut Lings) {
     host.client.submit(&Request::ReadJoints).unwrap();
-    assert_eq!(host.transmit(), 0, "delayed");
+    transmit_fence(host);
     assert_eq!(host.receive(&bytes(JOINTS)), [late()]);
     assert_eq!(host.transmit(), 7);
     assert_eq!(host.receive(&bytes(JOINTS)), [answer()]);
@@ -260,6 +268,76 @@ fn late_answer_never_satisfies_the_next_request() {
     host.send(Request::ReadJoints);
     assert_eq!(host.time_out(), 1);
     expect_late_answer_first(&mut host);
+}
+
+#[test]
+fn fences_are_reads_with_different_keys() {
+    let keys = Ling::FENCES.iter().map(|frame| {
+        let request = Ling.parse_request(frame).unwrap();
+        let mut out = [0; 70];
+        let n = Ling.encode_request(&request, &mut out).unwrap();
+        assert_eq!(&out[..n], *frame);
+        let info = Ling.request(frame).unwrap();
+        assert_eq!((info.effect, info.response.is_some()), (Effect::Read, true));
+        info.key
+    });
+    let keys: Vec<_> = keys.collect();
+    assert!(
+        keys.iter()
+            .all(|key| keys.iter().filter(|other| *other == key).count() == 1)
+    );
+}
+
+#[test]
+fn answered_fence_ends_the_wait_for_a_lost_answer() {
+    let mut host = Lings::new(ONCE);
+    host.send(Request::ReadJoints);
+    assert_eq!(host.time_out(), 1);
+    host.client.submit(&Request::ReadJoints).unwrap();
+    transmit_fence(&mut host);
+    assert_eq!(
+        host.receive(&bytes(Response::Stroke(Stroke::Mm50))),
+        [""; 0],
+        "nobody's"
+    );
+    assert_eq!(host.transmit_bytes(), request_bytes::<Ling>(Request::ReadJoints));
+    assert_eq!(host.receive(&bytes(JOINTS)), [answer()]);
+}
+
+#[test]
+fn unanswered_fence_is_followed_by_the_next() {
+    let mut host = Lings::new(ONCE);
+    host.send(Request::ReadJoints);
+    assert_eq!(host.time_out(), 1);
+    let begin = host.now;
+    host.client.submit(&Request::ReadJoints).unwrap();
+    let mut times = Vec::new();
+    for fence in Ling::FENCES.iter().cycle() {
+        assert_eq!(transmit_fence(&mut host), *fence);
+        times.push(host.now.since(begin).as_micros() / 1_000);
+        host.now = host.timeout().unwrap();
+        if host.now.since(begin) >= ONCE.stale_window + ONCE.stale_window {
+            break;
+        }
+    }
+    assert_eq!(times, [0, 10, 30, 70, 150]);
+    assert_eq!(host.events(), ["TimedOut { sends: 0 }"], "nothing is known");
+    assert_eq!(host.transmit(), 0);
+}
+
+#[test]
+fn request_is_executed_after_no_part_of_a_fence() {
+    let mut host = Lings::new(ONCE);
+    host.send(Request::ReadJoints);
+    assert_eq!(host.time_out(), 1);
+    host.client.submit(&Request::ReadJoints).unwrap();
+    assert!(matches!(host.poll(), Output::Transmit(_)));
+    host.client.transmitted(host.now, 3).unwrap();
+    host.client.cancel();
+    host.client.submit(&Request::SetTorque(Torque::Off)).unwrap();
+    let sent = host.transmit_bytes();
+    assert_eq!(sent[..4], Ling::FENCES[0][3..]);
+    assert_eq!(sent[4..], request_bytes::<Ling>(Request::SetTorque(Torque::Off)));
 }
 
 #[test]
@@ -275,35 +353,34 @@ fn answer_read_after_its_stale_window_is_late() {
 
 #[test]
 fn missing_answer_blocks_its_kind_for_stale_window() {
-    let mut host = Lings::new(ONCE);
-    host.send(Request::ReadJoints);
+    let mut host = Host::<Alpha1>::new(ONCE);
+    host.send(alpha1::Request::ReadHardwareVersion);
     assert_eq!(host.time_out(), 1);
     let due = host.now;
-    host.client.submit(&Request::ReadJoints).unwrap();
+    host.client.submit(&alpha1::Request::ReadHardwareVersion).unwrap();
     assert_eq!(host.timeout(), Some(due + ONCE.stale_window));
     host.client.cancel();
-    host.client.submit(&Request::ReadStroke).unwrap();
-    assert_eq!(host.transmit(), 7, "another key is not blocked");
-    assert_eq!(
-        host.receive(&bytes(Response::Stroke(Stroke::Mm50))),
-        [describe(Event::Answer(Response::Stroke(Stroke::Mm50)))]
-    );
-    host.client.submit(&Request::ReadJoints).unwrap();
+    host.send(alpha1::Request::ReadFirmwareVersion);
+    host.client.cancel();
+    host.client.submit(&alpha1::Request::ReadHardwareVersion).unwrap();
     assert_eq!(host.transmit(), 0);
     host.now = due + ONCE.stale_window;
-    assert_eq!(host.transmit(), 7);
+    assert!(host.transmit() > 0);
 }
 
 #[test]
 fn reading_never_waits_for_a_lost_answer() {
     let mut host = Lings::new(Config::DEFAULT);
-    for _ in 0..20 {
+    for _ in 0..7 {
         read(&mut host);
         host.client.cancel();
     }
-    read(&mut host);
-    assert_eq!(host.receive(&bytes(JOINTS)), [answer()]);
-    read(&mut host);
+    host.client.submit_reading(&Request::ReadJoints).unwrap();
+    assert_eq!(host.transmit(), 0, "no more without an answer");
+    for _ in 0..7 {
+        assert_eq!(host.receive(&bytes(JOINTS)), [late()]);
+    }
+    assert_eq!(host.transmit(), 7);
     assert_eq!(host.time_out(), 1, "it is not repeated");
 }
 
@@ -324,10 +401,38 @@ fn reading_that_changes_the_arm_is_refused() {
     assert_eq!(host.client.submit_reading(&motion(2048)), Err(SubmitError::Busy));
 }
 
-/// Starts a reading and transmits it.
+/// Starts a reading and transmits it, behind a fence if one is due.
 fn read(host: &mut Lings) {
     host.client.submit_reading(&Request::ReadJoints).unwrap();
-    assert_eq!(host.transmit(), 7);
+    let sent = host.transmit_bytes();
+    let fence = &sent[..sent.len() - 7];
+    assert!(fence.is_empty() || Ling::FENCES.contains(&fence), "{sent:02X?}");
+    assert_eq!(sent[fence.len()..], request_bytes::<Ling>(Request::ReadJoints));
+}
+
+#[test]
+fn each_reading_has_its_answer() {
+    let mut host = Lings::new(ONCE);
+    let mut sent = Vec::new();
+    for _ in 0..3 {
+        host.client.cancel();
+        host.now += Duration::from_millis(20);
+        sent.push(host.now);
+        read(&mut host);
+    }
+    let received = host.now + Duration::from_millis(1);
+    host.now = received;
+    let state = bytes(JOINTS);
+    for (event, stated) in [(late(), sent[0]), (late(), sent[1]), (answer(), received)] {
+        assert!(host.client.receive(host.now, &state).is_empty());
+        let Output::Event(got) = host.client.poll(host.now) else {
+            panic!("no event");
+        };
+        assert_eq!(describe(got), event);
+        assert_eq!(host.client.time_of_state(), Some(stated));
+    }
+    assert_eq!(host.timeout(), None);
+    assert_eq!(host.client.time_of_state(), None);
 }
 
 #[test]
@@ -336,87 +441,24 @@ fn late_reading_never_satisfies_a_command() {
     read(&mut host);
     host.client.cancel();
     read(&mut host);
-    // The answer to the first, which the second takes. Its own is still to come.
-    assert_eq!(host.receive(&bytes(JOINTS)), [answer()]);
-    expect_late_answer_first(&mut host);
-}
-
-#[test]
-fn answer_to_overtaken_reading_never_satisfies_a_command() {
-    let mut host = Lings::new(ONCE);
-    read(&mut host);
-    let due = host.timeout().unwrap();
-    host.client.cancel();
-    // Near the end of its window, its answer is taken for that to the second.
-    host.now = due + ONCE.stale_window - micros(1);
-    read(&mut host);
-    let due = host.timeout().unwrap();
-    assert_eq!(host.receive(&bytes(JOINTS)), [answer()]);
-    host.now = due + ONCE.stale_window - micros(1);
-    expect_late_answer_first(&mut host);
-}
-
-#[test]
-fn unread_answer_before_a_reading_is_accounted_for() {
-    let mut host = Lings::new(ONCE);
-    host.send(Request::ReadJoints);
-    let due = host.timeout().unwrap();
-    host.client.cancel();
-    host.client.submit_reading(&Request::ReadJoints).unwrap();
-    assert!(matches!(host.poll(), Output::Transmit(_)));
-    // The port takes the request only now. The answer to the first has arrived since the port was read.
-    host.now = due + ONCE.stale_window;
-    assert_eq!(host.transmit(), 7);
-    assert_eq!(host.time_out(), 1);
     assert_eq!(host.receive(&bytes(JOINTS)), [late()]);
-    // The answer to the reading is still to come.
-    host.client.submit(&Request::ReadJoints).unwrap();
-    assert_eq!(host.transmit(), 0);
-    assert_eq!(host.receive(&bytes(JOINTS)), [late()]);
-    assert_eq!(host.transmit(), 7);
-}
-
-#[test]
-fn lost_reading_delays_one_command_for_a_window() {
-    let mut host = Lings::new(ONCE);
-    for _ in 0..3 {
-        read(&mut host);
-        host.client.cancel();
-    }
-    // Readings go on, and each has its answer, or that of the one before.
-    let mut due = host.now;
-    for _ in 0..100 {
-        host.now += micros(5_000);
-        read(&mut host);
-        due = host.timeout().unwrap();
-        assert_eq!(host.receive(&bytes(JOINTS)), [answer()]);
-    }
-    host.client.submit(&Request::ReadJoints).unwrap();
-    assert_eq!(host.timeout(), Some(due + ONCE.stale_window));
-    host.now = due + ONCE.stale_window;
-    for _ in 0..2 {
-        assert_eq!(host.transmit(), 7);
-        assert_eq!(host.receive(&bytes(JOINTS)), [answer()]);
-        assert_eq!(host.receive(&bytes(JOINTS)), [describe(Event::Unsolicited(JOINTS))]);
-        read(&mut host);
-        assert_eq!(host.receive(&bytes(JOINTS)), [answer()]);
-        host.client.submit(&Request::ReadJoints).unwrap();
-    }
+    host.client.cancel();
+    host.now += ONCE.stale_window;
+    expect_late_answer_first(&mut host);
 }
 
 #[test]
 fn reading_leaves_other_late_answers_alone() {
     let mut host = Lings::new(ONCE);
-    host.send(Request::ReadStroke);
+    host.send(Request::ReadInfo);
     assert_eq!(host.time_out(), 1);
     read(&mut host);
     host.client.cancel();
-    for request in [Request::ReadStroke, Request::ReadJoints] {
-        host.client.submit(&request).unwrap();
-        assert_eq!(host.transmit(), 0, "delayed");
-        host.client.cancel();
-    }
+    host.client.submit(&Request::ReadInfo).unwrap();
+    assert_eq!(host.transmit(), 0, "delayed");
+    host.client.cancel();
     read(&mut host);
+    assert_eq!(host.receive(&bytes(JOINTS)), [late()]);
     assert_eq!(host.receive(&bytes(JOINTS)), [answer()]);
 }
 

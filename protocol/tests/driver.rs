@@ -87,6 +87,12 @@ const INFO: Info = Info {
 const TEMPERATURES: PerServo<u8> = PerServo::Leader([30, 31, 32, 33, 34, 35]);
 const CHECK: SelfCheck = SelfCheck(0b11_1011);
 
+/// Returns true for a request that a client may send before another.
+fn is_fence(request: &Request) -> bool {
+    let is_it = |fence: &&[u8]| Ling.parse_request(fence).as_ref() == Ok(request);
+    Ling::FENCES.iter().any(is_it)
+}
+
 type Shared = RefCell<World>;
 
 fn world() -> Shared {
@@ -131,7 +137,10 @@ impl World {
                 event => panic!("the arm received {event:?}"),
             };
             if let Some(current) = self.current {
-                assert_eq!(request, current, "its call has ended");
+                assert!(
+                    request == current || is_fence(&request),
+                    "the call of {request} has ended"
+                );
             }
             self.requests.push(request);
             // The first answer is 2001: each one names its request.
@@ -164,11 +173,12 @@ impl World {
             None => vec![(after(self.turnaround), bytes)],
             Some(Fate::Late(delay)) => vec![(after(delay), bytes)],
             Some(Fate::InTwo(delay, first)) => {
-                let second = bytes.split_off(first);
+                let second = bytes.split_off(first.min(bytes.len() - 1));
                 vec![(after(Duration::ZERO), bytes), (after(delay), second)]
             }
             Some(Fate::Damaged(delay, bit)) => {
-                bytes[bit / 8] ^= 1 << (bit % 8);
+                let place = bit / 8 % bytes.len();
+                bytes[place] ^= 1 << (bit % 8);
                 vec![(after(delay), bytes)]
             }
             Some(Fate::AfterNoise(delay, noise)) => vec![(after(delay), [noise, bytes].concat())],
@@ -484,7 +494,7 @@ fn answer_to_dropped_call_satisfies_no_other() {
     world.borrow_mut().turnaround = Duration::from_micros(500);
     assert!(run_for(&world, Duration::from_micros(50), arm.read_joints()).is_none());
     let state = run(&world, arm.read_joints()).unwrap();
-    assert_eq!(state.joints, [2002; 6], "the answer to the second request");
+    assert_eq!(state.joints, [2003; 6], "the answer to the request behind the fence");
     let mut expected = Counters::default();
     expected.late = 1;
     assert_eq!(arm.counters(), expected);
@@ -504,10 +514,12 @@ fn call_dropped_in_flush_leaves_no_stale_answer() {
     let world = slow_flush(&[]);
     let mut arm = arm(&world);
     assert!(run_for(&world, Duration::from_micros(50), arm.read_joints()).is_none());
-    for expected in 2002..2006 {
+    for expected in 2003..2007 {
         assert_eq!(run(&world, arm.read_joints()).unwrap().joints, [expected; 6]);
     }
-    assert_eq!(world.borrow().requests, [Request::ReadJoints; 5]);
+    let requests = &world.borrow().requests;
+    assert_eq!(requests[..2], [Request::ReadJoints, Request::ReadStroke]);
+    assert_eq!(requests[2..], [Request::ReadJoints; 4]);
 }
 
 #[test]
@@ -515,8 +527,9 @@ fn call_dropped_in_flush_sends_no_byte_twice() {
     let world = slow_flush(&[3, 4]);
     let mut arm = arm(&world);
     assert!(run_for(&world, Duration::from_micros(50), arm.read_joints()).is_none());
-    assert_eq!(run(&world, arm.read_joints()).unwrap().joints, [2002; 6]);
-    assert_eq!(world.borrow().requests, [Request::ReadJoints; 2]);
+    assert_eq!(run(&world, arm.read_joints()).unwrap().joints, [2003; 6]);
+    let requests = [Request::ReadJoints, Request::ReadStroke, Request::ReadJoints];
+    assert_eq!(world.borrow().requests, requests);
 }
 
 #[test]
@@ -665,7 +678,9 @@ fn check_calls(world: &Shared, steps: Vec<Step>, is_faultless: bool) -> TestCase
     // A last call completes a void.
     world.borrow_mut().current = Some(Request::ReadStroke);
     world.borrow_mut().fates.clear();
-    prop_assert_eq!(run(world, arm.read_stroke()), Ok(Stroke::Mm75));
+    // It fails while the answer to an earlier one may still arrive.
+    let answered = (0..5).any(|_| run(world, arm.read_stroke()) == Ok(Stroke::Mm75));
+    prop_assert!(answered);
     let world = world.borrow();
     prop_assert!(is_requests_and_voids(&world.line), "{:02X?}", world.line);
     let sent = world.requests.iter().filter_map(|request| match request {
@@ -726,7 +741,11 @@ fn slow_arm_gets_repeat_without_confused_answers() {
     let mut arm = arm(&world);
     world.borrow_mut().turnaround = Duration::from_millis(61);
     assert_eq!(run(&world, arm.read_joints()).unwrap().joints, [2001; 6]);
-    assert_eq!(run(&world, arm.read_joints()).unwrap().joints, [2003; 6]);
+    assert_eq!(
+        run(&world, arm.read_joints()).unwrap().joints,
+        [2006; 6],
+        "after a repeat and three fences"
+    );
     assert_eq!(arm.counters().late, 1);
 }
 
@@ -744,7 +763,7 @@ fn answer_waiting_in_port_is_not_new() {
     world.borrow_mut().turnaround = Duration::from_millis(61);
     assert_eq!(run(&world, arm.read_joints()).unwrap().joints, [2001; 6]);
     world.borrow_mut().turnaround = Duration::from_micros(100);
-    for expected in 2003..2010 {
+    for expected in 2004..2011 {
         rest(&world, Duration::from_millis(500));
         assert_eq!(run(&world, arm.read_joints()).unwrap().joints, [expected; 6]);
     }
@@ -788,14 +807,15 @@ fn constantly_readable_port_delays_no_timeout() {
         let world = flooded(byte);
         world.borrow_mut().turnaround = Duration::from_millis(100_000);
         let mut arm = arm(&world);
-        for calls in 1..4_usize {
+        for sends in [3, 0, 0] {
             let begun = world.borrow().now;
-            assert_eq!(run(&world, arm.read_joints()), Err(CallError::TimedOut { sends: 3 }));
-            // Three times 60 to 70 ms, and 100 ms for late answers to the previous call.
+            assert_eq!(run(&world, arm.read_joints()), Err(CallError::TimedOut { sends }));
+            // Three times 60 to 70 ms, or 200 ms for the answers to fences.
             let took = world.borrow().now.since(begun);
-            assert!(took < Duration::from_millis(320), "{took:?}");
-            assert_eq!(world.borrow().requests.len(), 3 * calls);
+            assert!(took < Duration::from_millis(220), "{took:?}");
         }
+        let requests = &world.borrow().requests;
+        assert_eq!(requests.iter().filter(|request| !is_fence(request)).count(), 3);
     }
 }
 

@@ -3,7 +3,7 @@
 #[allow(unreachable_pub, reason = "it is shared with a fuzz target")]
 mod exchange_oracle;
 
-use armwire::exchange::Match;
+use armwire::exchange::{Match, time_of_state};
 use armwire::time::Instant;
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -53,7 +53,7 @@ fn send_is_resolved_after_the_stale_window() {
     assert_eq!(line.missing(100), [Usb]);
     assert_eq!(line.timeout(), Some(150));
     assert!(!line.can_send(1, Usb));
-    assert_eq!(line.frame(1, 149), Match::Late(Usb));
+    assert_eq!(line.frame(1, 149), late(Usb, 0));
     assert!(line.exchange.is_idle());
 
     line.send(1, Usb, 200);
@@ -66,7 +66,7 @@ fn send_is_resolved_after_the_stale_window() {
 #[test]
 fn frame_resolves_the_sends_that_ended_before_it() {
     let mut line = plain();
-    for (first, expected) in [(149, Match::Late(Usb)), (150, Match::Unsolicited)] {
+    for (first, expected) in [(149, late(Usb, 0)), (150, Match::Unsolicited)] {
         line.send(1, Usb, 0);
         assert_eq!(line.missing(100), [Usb]);
         let offset = line.offset;
@@ -80,7 +80,7 @@ fn frame_without_a_stamp_resolves_no_send() {
     let mut line = plain();
     line.send(1, Usb, 0);
     assert_eq!(line.missing(100), [Usb]);
-    assert_eq!(line.frame_from(1, 0, None, 200), Match::Late(Usb));
+    assert_eq!(line.frame_from(1, 0, None, 200), late(Usb, 0));
 }
 
 #[test]
@@ -89,9 +89,9 @@ fn late_answer_counts_once_for_its_own_request() {
     line.send(1, Usb, 0);
     line.send(2, Usb, 0);
     assert_eq!(line.missing(100), [Usb, Usb]);
-    assert_eq!(line.frame(1, 110), Match::Late(Usb));
+    assert_eq!(line.frame(1, 110), late(Usb, 0));
     assert_eq!(line.frame(1, 111), Match::Unsolicited);
-    assert_eq!(line.frame(2, 112), Match::Late(Usb));
+    assert_eq!(line.frame(2, 112), late(Usb, 0));
 }
 
 #[test]
@@ -101,7 +101,7 @@ fn request_waits_for_stale_send_of_its_key() {
     assert_eq!(line.missing(100), [Usb]);
     assert!(!line.can_send(1, Usb) && !line.can_send(1, Can), "by any initiator");
     assert!(line.can_send(2, Poll), "another key");
-    assert_eq!(line.frame(1, 120), Match::Late(Usb));
+    assert_eq!(line.frame(1, 120), late(Usb, 0));
     assert!(line.can_send(1, Usb));
 }
 
@@ -213,7 +213,7 @@ fn with_transaction_ids_nothing_waits() {
     }
     assert!(line.can_send(3, Usb));
     line.send(3, Usb, 30);
-    assert_eq!(line.frame(19, 40), Match::Late(Can));
+    assert_eq!(line.frame(19, 40), late(Can, 19));
     assert_eq!(line.frame(3, 40), answer(Usb, 30));
 }
 
@@ -256,7 +256,7 @@ fn repeat_belongs_to_the_same_call() {
     );
     line.exchange.give_up(());
     assert!(!line.can_send(1, ()), "the second answer is pending");
-    assert_eq!(line.frame(1, 151), Match::Late(()));
+    assert_eq!(line.frame(1, 151), late((), 100));
     assert!(line.can_send(1, ()));
 }
 
@@ -272,43 +272,106 @@ fn repeats_take_no_more_room() {
     assert!(matches!(line.frame(1, 2050), Match::Answer { .. }));
     line.exchange.give_up(());
     for _ in 0..20 {
-        assert_eq!(line.frame(1, 2060), Match::Late(()));
+        assert!(matches!(line.frame(1, 2060), Match::Late { .. }));
     }
     assert!(line.exchange.is_idle());
 }
 
 #[test]
-fn reading_takes_the_answer_of_an_overtaken_one() {
+fn reading_waits_for_no_reading_before_it() {
     let mut line = plain();
-    line.read(1, Usb, 0);
-    assert_eq!(line.missing(100), [Usb]);
-    assert!(!line.can_send(1, Usb) && line.can_read(1, Usb) && !line.can_read(1, Can));
-    line.read(1, Usb, 140);
-    assert_eq!(line.frame(1, 141), answer(Usb, 140));
-    // Its own answer is still to come.
-    assert_eq!(line.timeout(), Some(140 + 150));
-    assert!(!line.can_send(1, Usb));
-    assert_eq!(line.frame(1, 289), Match::Late(Usb));
+    for at in [0, 10, 20] {
+        assert!(line.can_read(1, Usb));
+        line.send(1, Usb, at);
+        line.exchange.give_up(Usb);
+        assert!(!line.can_send(1, Usb) && !line.can_read(1, Can));
+    }
+    for at in [0, 10, 20] {
+        assert_eq!(line.frame(1, 30), late(Usb, at), "in their order");
+    }
     assert!(line.exchange.is_idle() && line.can_send(1, Usb));
 }
 
 #[test]
-fn overtaken_readings_take_the_room_of_one() {
+fn answer_to_a_later_send_resolves_earlier_ones() {
     let mut line = plain();
-    for n in 0..50 {
-        assert!(line.can_read(1, Usb), "{n}");
-        line.read(1, Usb, n);
-        line.exchange.give_up(Usb);
-    }
-    line.send(2, Can, 50);
-    line.send(3, Poll, 50);
-    assert!(line.can_read(1, Usb) && !line.can_send(4, Can));
-    line.read(1, Usb, 51);
-    assert_eq!(line.frame(1, 52), answer(Usb, 51));
-    for n in 0..50 {
-        assert_eq!(line.frame(1, 52), Match::Late(Usb), "{n}");
-    }
-    assert_eq!(line.frame(1, 52), Match::Unsolicited);
+    line.send(1, Usb, 0);
+    line.exchange.give_up(Usb);
+    line.send(2, Usb, 10);
+    assert!(!line.can_send(1, Usb));
+    assert_eq!(line.frame(2, 20), answer(Usb, 10));
+    assert!(line.exchange.is_idle() && line.can_send(1, Usb), "its answer is lost");
+}
+
+#[test]
+fn order_resolves_no_pending_send() {
+    let mut line = plain();
+    line.send(1, Usb, 0);
+    line.send(2, Can, 10);
+    assert_eq!(line.frame(2, 20), answer(Can, 10));
+    assert_eq!(line.missing(100), [Usb]);
+}
+
+#[test]
+fn order_resolves_a_send_after_its_last_handover() {
+    let mut line = Line::<Plain, ()>::new(Bytes);
+    line.send(1, (), 0);
+    line.send(2, (), 10);
+    line.exchange.repeat(info(1), (), line.handover(20));
+    line.exchange.give_up(());
+    assert_eq!(line.frame(2, 30), late((), 10));
+    assert!(!line.can_send(1, ()), "the repeat may be answered");
+    line.send(2, (), 40);
+    assert!(matches!(line.frame(2, 50), Match::Answer { .. }));
+    assert!(line.can_send(1, ()));
+}
+
+#[test]
+fn last_answer_to_a_repeated_send_proves_what_the_repeat_does() {
+    let mut line = Line::<Plain, ()>::new(Bytes);
+    line.send(1, (), 0);
+    line.exchange.give_up(());
+    line.send(2, (), 10);
+    line.exchange.repeat(info(1), (), line.handover(20));
+    line.exchange.give_up(());
+    assert_eq!(line.frame(1, 30), late((), 0));
+    assert!(!line.can_send(2, ()), "it may be the answer from before");
+    assert_eq!(line.frame(1, 40), late((), 20));
+    assert!(line.can_send(2, ()));
+}
+
+#[test]
+fn answer_out_of_order_ends_the_rule_of_order() {
+    let mut line = plain();
+    line.send(1, Usb, 0);
+    line.exchange.give_up(Usb);
+    line.send(2, Usb, 10);
+    assert_eq!(line.frame(2, 20), answer(Usb, 10));
+    assert_eq!(line.exchange.out_of_order(), 0);
+    assert_eq!(line.frame(1, 21), Match::Unsolicited);
+    assert_eq!(line.exchange.out_of_order(), 1);
+    line.send(1, Usb, 30);
+    line.exchange.give_up(Usb);
+    line.send(2, Usb, 40);
+    assert_eq!(line.frame(2, 50), answer(Usb, 40));
+    assert_eq!(line.frame(1, 51), late(Usb, 30), "only time resolves it");
+}
+
+#[test]
+fn numbered_answers_need_no_order() {
+    let mut line = Line::<Numbered>::new(Bytes);
+    line.send(1, Usb, 0);
+    line.exchange.give_up(Usb);
+    line.send(2, Usb, 10);
+    assert_eq!(line.frame(2, 20), answer(Usb, 10));
+    assert_eq!(line.frame(1, 21), late(Usb, 0));
+}
+
+#[test]
+fn state_is_as_old_as_a_slow_answer_may_make_it() {
+    let at = Instant::from_millis;
+    assert_eq!(time_of_state(at(100), at(110)), at(110));
+    assert_eq!(time_of_state(at(100), at(111)), at(100));
 }
 
 #[test]

@@ -26,7 +26,7 @@ const SERIAL: Config = Config {
 client! {
     /// A client of an Alpha1 robot, or of a bus of its servos: one request at a time. The caller owns its memory. The
     /// content is private.
-    ArmwireAlpha1Client: State<Alpha1, MAX_FRAME>, ARMWIRE_ALPHA1_CLIENT_WORDS = 128, tag 3,
+    ArmwireAlpha1Client: State<Alpha1, MAX_FRAME>, ARMWIRE_ALPHA1_CLIENT_WORDS = 208, tag 3,
         response ArmwireAlpha1Response;
     /// Initializes a client. `version` is ARMWIRE_VERSION. `config` may be NULL, for that of `armwire_config_serial` at
     /// 115 200 baud.

@@ -14,7 +14,7 @@ use crate::status::ArmwireStatus;
 
 client! {
     /// A client of a Ling arm: one request at a time. The caller owns its memory. The content is private.
-    ArmwireLingClient: State<Ling, MAX_FRAME>, ARMWIRE_LING_CLIENT_WORDS = 80, tag 1, response ArmwireLingResponse;
+    ArmwireLingClient: State<Ling, MAX_FRAME>, ARMWIRE_LING_CLIENT_WORDS = 160, tag 1, response ArmwireLingResponse;
     /// Initializes a client. `version` is ARMWIRE_VERSION. `config` may be NULL, for that of `armwire_config_serial`.
     armwire_ling_client_init(Config::DEFAULT, Ling);
     armwire_ling_client_poll;

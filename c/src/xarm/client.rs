@@ -14,7 +14,7 @@ use crate::status::ArmwireStatus;
 
 client! {
     /// A client of an xArm: one request at a time. The caller owns its memory. The content is private.
-    ArmwireXarmClient: State<XArm, MAX_FRAME>, ARMWIRE_XARM_CLIENT_WORDS = 136, tag 5, response ArmwireXarmResponse;
+    ArmwireXarmClient: State<XArm, MAX_FRAME>, ARMWIRE_XARM_CLIENT_WORDS = 216, tag 5, response ArmwireXarmResponse;
     /// Initializes a client. `version` is ARMWIRE_VERSION. `config` may be NULL, for that of `armwire_config_tcp`.
     armwire_xarm_client_init(Config::TCP, XArm::PRIVATE);
     armwire_xarm_client_poll;

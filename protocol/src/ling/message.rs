@@ -388,6 +388,13 @@ impl Messages for Ling {
     type Request<'a> = Request;
     type Response<'a> = Response;
 
+    /// The stroke, the temperatures and the velocities.
+    const FENCES: &'static [&'static [u8]] = &[
+        &[0xAA, 0x04, 0x0E, 0x01, 0xFE, 0x1B, 0xFF],
+        &[0xAA, 0x06, 0x01, 0x01, 0xFE, 0xAD, 0xFF],
+        &[0xAA, 0x06, 0x02, 0x01, 0xFE, 0xF4, 0xFF],
+    ];
+
     fn encode_request(&self, request: &Request, out: &mut [u8]) -> Result<usize, BufferTooShort> {
         let mut encode = |command, function, data: &[u8]| encode(out, command, function, data);
         match *request {

@@ -108,11 +108,6 @@ impl<D: Correlation<Key = u8, Expect = u8>, I: Copy + Eq> Line<D, I> {
         self.exchange.can_read(&info(key), who)
     }
 
-    /// Hands over a reading at this time.
-    pub fn read(&mut self, key: u8, who: I, at: u64) {
-        self.exchange.begin_reading(info(key), who, self.handover(at));
-    }
-
     pub fn handover(&self, at: u64) -> Handover {
         let at = Instant::from_micros(at);
         Handover {
@@ -143,7 +138,7 @@ impl<D: Correlation<Key = u8, Expect = u8>, I: Copy + Eq> Line<D, I> {
             Match::Answer { who, .. } if self.exchange.is_idle() => Some(who),
             _ => None,
         };
-        assert!(last == ended, "the last answer is known before");
+        assert!(last.is_none() || last == ended, "the last answer is known before");
         matched
     }
 
@@ -161,6 +156,11 @@ pub fn plain() -> Line<Plain> {
     Line::new(Bytes)
 }
 
+pub fn late<I>(who: I, sent: u64) -> Match<I> {
+    let sent = Instant::from_micros(sent);
+    Match::Late { who, sent }
+}
+
 pub fn answer(who: Who, sent: u64) -> Match<Who> {
     Match::Answer {
         who,
@@ -175,7 +175,7 @@ pub enum Step {
     Send(u8, Who),
     /// An initiator sends a reading, if allowed.
     Read(u8, Who),
-    /// An initiator repeats its oldest unresolved request of this key, if it has one.
+    /// An initiator repeats its newest unresolved request of this key, if it has one.
     Repeat(u8, Who),
     /// An initiator gives up its pending answers.
     GiveUp(Who),
@@ -192,9 +192,11 @@ struct Fact {
     key: u8,
     who: Who,
     offset: u64,
+    /// The handovers that may be answered.
+    handovers: Vec<u64>,
+    /// No answer to an earlier one is possible.
     at: u64,
     due: u64,
-    times: usize,
     stale: bool,
     resolved: bool,
     counted: bool,
@@ -206,9 +208,9 @@ impl Fact {
             key,
             who,
             offset,
+            handovers: vec![now],
             at: now,
             due: now + 100,
-            times: 1,
             stale: false,
             resolved: false,
             counted,
@@ -230,6 +232,8 @@ pub fn check(steps: impl IntoIterator<Item = Step>) {
     let mut line = plain();
     let mut facts: Vec<Fact> = Vec::new();
     let (mut now, mut saturated_until) = (0_u64, None::<u64>);
+    // The key of the last send that order has resolved.
+    let (mut lost, mut out_of_order) = (None::<u8>, false);
     for step in steps {
         match step {
             Step::Wait(micros) => now += micros,
@@ -241,11 +245,11 @@ pub fn check(steps: impl IntoIterator<Item = Step>) {
             }
             Step::Repeat(key, who) => {
                 let matches = |fact: &&mut Fact| fact.is_open() && (fact.key, fact.who) == (key, who);
-                let Some(fact) = facts.iter_mut().find(matches) else {
+                let Some(fact) = facts.iter_mut().rfind(matches) else {
                     continue;
                 };
                 line.exchange.repeat(info(key), who, line.handover(now));
-                fact.times += 1;
+                fact.handovers.push(now);
                 (fact.due, fact.stale) = (now + 100, false);
             }
             Step::Send(key, who) => {
@@ -264,26 +268,14 @@ pub fn check(steps: impl IntoIterator<Item = Step>) {
                 facts.push(Fact::new(key, who, line.offset, now, counted));
             }
             Step::Read(key, who) => {
-                let is_overtaken = |fact: &Fact| fact.is_open() && fact.stale && (fact.key, fact.who) == (key, who);
-                let (overtaken, rest): (Vec<_>, Vec<_>) = facts.iter().cloned().partition(is_overtaken);
-                let open: Vec<_> = rest.iter().filter(|fact| fact.is_open()).collect();
-                let has_room = open.len() + overtaken.len().min(1) < 4;
-                let free = open.iter().all(|fact| fact.lets_pass(key, who));
-                let may = saturated_until.is_none() && has_room && free;
+                let open: Vec<_> = facts.iter().filter(|fact| fact.is_open()).collect();
+                let is_own = |fact: &Fact| (fact.key, fact.who) == (key, who);
+                let free = open.iter().all(|fact| is_own(fact) || fact.lets_pass(key, who));
+                let may = saturated_until.is_none() && open.len() < 4 && free;
                 assert_eq!(line.can_read(key, who), may, "{key:?} {who:?} {facts:?}");
-                if !may {
-                    continue;
-                }
-                line.read(key, who, now);
-                facts = rest;
-                facts.push(Fact::new(key, who, line.offset, now, true));
-                // One send with all their answers. One of these may be that to the reading.
-                if let Some(first) = overtaken.first() {
-                    facts.push(Fact {
-                        times: overtaken.iter().map(|fact| fact.times).sum(),
-                        due: now + 100,
-                        ..first.clone()
-                    });
+                if may {
+                    assert!(line.send(key, who, now));
+                    facts.push(Fact::new(key, who, line.offset, now, true));
                 }
             }
             Step::Answer(_) | Step::Frame(..) => {
@@ -308,14 +300,29 @@ pub fn check(steps: impl IntoIterator<Item = Step>) {
                 });
                 let expected = match of {
                     None => Match::Unsolicited,
-                    Some(index) if facts[index].stale => Match::Late(facts[index].who),
+                    Some(index) if facts[index].stale => late(facts[index].who, facts[index].at),
                     Some(index) => answer(facts[index].who, facts[index].at),
                 };
                 assert_eq!(line.frame_from(key, offset, Some(began), now), expected);
+                let is_answer = |lost: u8| lost == key && saturated_until.is_none();
+                out_of_order |= of.is_none() && lost.is_some_and(is_answer);
+                assert_eq!(line.exchange.out_of_order() > 0, out_of_order);
                 if let Some(index) = of {
-                    facts[index].times -= 1;
-                    facts[index].resolved = facts[index].times == 0;
                     let at = facts[index].at;
+                    // The first that is left, or any of several.
+                    facts[index].handovers.remove(0);
+                    if let [left] = facts[index].handovers[..] {
+                        facts[index].at = left;
+                    }
+                    facts[index].resolved = facts[index].handovers.is_empty();
+                    for fact in facts
+                        .iter_mut()
+                        .filter(|fact| fact.is_open() && fact.stale && !out_of_order)
+                    {
+                        if fact.handovers.iter().all(|handover| *handover < at) {
+                            (fact.resolved, lost) = (true, Some(fact.key));
+                        }
+                    }
                     for fact in &mut facts {
                         if fact.is_open() && !fact.stale && fact.at >= at {
                             fact.due = fact.due.max(now + 100);
