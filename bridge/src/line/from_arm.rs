@@ -105,14 +105,15 @@ impl Line {
     /// Handles a frame whose last byte arrived at `at`.
     fn frame_ended(&mut self, span: Span, at: Instant) {
         let byte_time = self.guard.rate.byte_time();
-        let initiator = self.wire.assign(span, self.kind, byte_time, at, &mut self.journal);
-        let frame = self.wire.bytes(span);
-        let is_reading = self.guard.stop.is_running() && self.guard.stop.on_frame(initiator, frame, at);
-        if initiator == Some(Initiator::Adapter) {
-            self.outbox.adapter_answered(frame);
-        }
-        if let Some(initiator) = initiator {
-            self.end_exchange(initiator, at);
+        let answered = self.wire.assign(span, self.kind, byte_time, at, &mut self.journal);
+        let mut is_reading = false;
+        if let Some(request) = answered {
+            let frame = self.wire.bytes(span);
+            is_reading = self.guard.stop.is_running() && self.guard.stop.on_frame(request, frame, at);
+            if request.by == Initiator::Adapter {
+                self.outbox.adapter_answered(frame);
+            }
+            self.end_exchange(request.by, at);
         }
         if is_reading {
             self.step_stop(at);

@@ -24,7 +24,7 @@ impl Line {
         }
         if self.outbox.is_torque_off_due() {
             self.guard.stop.stopped();
-        } else if self.guard.stop.begin(steps) {
+        } else if self.guard.stop.begin(steps, now) {
             self.step_stop(now);
         }
         Ok(())

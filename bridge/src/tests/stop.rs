@@ -187,6 +187,26 @@ fn stop_holds_pose_and_last_gripper_goal() {
 }
 
 #[test]
+fn reading_from_before_the_stop_is_not_held() {
+    let mut rig = rig(config());
+    let before = POSE.map(|value| value - 100);
+    let mut requests = 0;
+    rig.responder = Box::new(move |request| {
+        requests += u32::from(request == READ_JOINTS);
+        let answer = match requests {
+            1 => (12_000, reading(before, LOCKED)),
+            _ => (200, reading(POSE, LOCKED)),
+        };
+        (request == READ_JOINTS).then_some(answer)
+    });
+    rig.usb_out.extend(READ_JOINTS);
+    rig.run(1_000);
+    rig.request(Request::Stop);
+    rig.run(40_000);
+    assert_eq!(sent(&rig), [hold(POSE, 310)]);
+}
+
+#[test]
 fn hold_is_repeated_and_never_changed() {
     let pose = |joint| {
         let mut pose = POSE;
@@ -616,23 +636,6 @@ fn arm_of_unknown_status_is_held() {
     rig.run(25_000);
     assert_eq!(rig.replies.last(), Some(&(sequence, Reply::Done)));
     assert_eq!(sent(&rig), [hold(POSE, 310)]);
-}
-
-#[test]
-fn reading_of_another_initiator_counts() {
-    let mut rig = rig(Config {
-        poll: Poll::Hertz(100),
-        ..config()
-    });
-    rig.run(50_000);
-    // The poll's answer is on the line.
-    while rig.sent.last().unwrap().0 + 100 != rig.now {
-        rig.run(1);
-    }
-    rig.sent.clear();
-    rig.request(Request::Stop);
-    rig.run(400);
-    assert_eq!(rig.line(), hold(POSE, 310));
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! The state of a stop: its steps, and the time without motion.
 
 use armwire::correlation::Effect;
+use armwire::exchange::time_of_state;
 use armwire::ling::{
     self, Ling, Move, Response, Torque,
     stop::{Output, StopError},
@@ -12,6 +13,8 @@ use crate::arm::{Info, OwnRequest};
 use crate::config::ArmKind;
 use crate::control::{Failure, FrameBytes, Initiator, STOP_MS, StopInForce};
 
+use crate::line::wire::Answered;
+
 /// The time without motion.
 const REFUSAL: Duration = Duration::from_millis(STOP_MS as u64);
 
@@ -21,6 +24,8 @@ pub(crate) struct Stop {
     until: Option<Instant>,
     /// The host that requested the last stop.
     by: Initiator,
+    /// The begin of the steps.
+    begun: Instant,
     /// The steps that are left, and the time of the next one.
     steps: Option<Steps>,
     due: Option<Instant>,
@@ -119,6 +124,7 @@ impl Stop {
         Self {
             until: None,
             by: Initiator::Usb,
+            begun: Instant::ZERO,
             steps: None,
             due: None,
             has_read: false,
@@ -168,10 +174,10 @@ impl Stop {
     }
 
     /// Begins the steps, unless they are running. Returns true if they begin.
-    pub(in crate::line) fn begin(&mut self, steps: Steps) -> bool {
+    pub(in crate::line) fn begin(&mut self, steps: Steps, now: Instant) -> bool {
         let begins = self.steps.is_none();
         if begins {
-            self.steps = Some(steps);
+            (self.steps, self.begun) = (Some(steps), now);
             (self.has_read, self.has_held) = (false, false);
         } else if self.has_held {
             self.result = Some(Ok(()));
@@ -276,13 +282,15 @@ impl Stop {
         };
     }
 
-    /// Takes a frame of the arm. Returns true if it is a reading. Before the hold any reading of the joints counts, and
-    /// after it those of the stop only: they have its period.
+    /// Takes the answer to a request. Returns true if it is a reading of the stop: the arm is never held where it was
+    /// before.
     // Not inlined: it is larger than the rest of its caller.
     #[inline(never)]
-    pub(in crate::line) fn on_frame(&mut self, initiator: Option<Initiator>, frame: &[u8], at: Instant) -> bool {
+    pub(in crate::line) fn on_frame(&mut self, request: Answered, frame: &[u8], at: Instant) -> bool {
         match &mut self.steps {
-            Some(steps) if !self.has_held || initiator == Some(Initiator::Adapter) => steps.on_frame(frame, at),
+            Some(steps) if request.by == Initiator::Adapter && self.begun <= request.sent => {
+                steps.on_frame(frame, time_of_state(request.sent, at))
+            }
             _ => false,
         }
     }

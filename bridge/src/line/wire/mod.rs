@@ -32,6 +32,15 @@ const MAX_AGE_NANOS: u32 = 1_000_000;
 /// The adapter's own share of an answer's time: two bytes in the transmitter, and the latency of the receiver.
 const MARGIN: Duration = Duration::from_millis(1);
 
+/// A request that a frame answers.
+#[derive(Clone, Copy)]
+pub(crate) struct Answered {
+    /// Its initiator.
+    pub(super) by: Initiator,
+    /// The time of its last byte on the line.
+    pub(super) sent: Instant,
+}
+
 /// The arm's bytes, the requests in flight, and the serial port towards the host on USB.
 pub(crate) struct Wire {
     decoder: Decoder<ArmKind, MAX_FRAME>,
@@ -136,8 +145,7 @@ impl Wire {
         self.exchange.is_last_answer(&kind, initiator, frame, first)
     }
 
-    /// Finds the initiator of the request that a frame answers, and passes the frame to its receivers. Its last byte
-    /// arrived at `at`.
+    /// Finds the request that a frame answers, and passes the frame to its receivers. Its last byte arrived at `at`.
     pub(super) fn assign(
         &mut self,
         span: Span,
@@ -145,16 +153,16 @@ impl Wire {
         byte_time: ByteTime,
         at: Instant,
         journal: &mut Journal,
-    ) -> Option<Initiator> {
+    ) -> Option<Answered> {
         let item = self.decoder.item(span);
         count(&mut journal.counters.frames, 1);
         let first = first_byte(span, byte_time, at);
-        let initiator = match self.exchange.on_frame(&kind, item.bytes, first, at) {
+        let answered = match self.exchange.on_frame(&kind, item.bytes, first, at) {
             Match::Answer { who, sent } => {
                 journal.latencies.answer.add(at.since(sent));
-                Some(who)
+                Some(Answered { by: who, sent })
             }
-            Match::Late(_) => {
+            Match::Late { .. } => {
                 count(&mut journal.counters.late_answers, 1);
                 None
             }
@@ -163,12 +171,13 @@ impl Wire {
                 None
             }
         };
+        let initiator = answered.map(|request| request.by);
         match initiator {
             None | Some(Initiator::Usb) => self.to_host.pass(item.offset, item.bytes, &mut journal.counters),
             Some(_) => self.to_host.skip(item.offset, item.bytes.len()),
         }
         journal.frame(initiator, item.bytes, at);
-        initiator
+        answered
     }
 
     /// The bytes of a frame. They are valid until the next bytes are pushed.
