@@ -1,4 +1,4 @@
-//! Late and missing answers: an answer belongs to the call that returns it, within the client's stale window.
+//! Late and missing answers: an answer belongs to the call that returns it.
 
 use std::collections::VecDeque;
 
@@ -22,19 +22,23 @@ struct Dawdler {
 impl SerialDevice for Dawdler {
     fn receive(&mut self, now: Instant, byte: u8) {
         assert!(self.device.receive(&[byte]).is_empty());
-        if let Some(DeviceEvent::Request {
-            request: Request::ReadJoints,
-            ..
-        }) = self.device.poll()
-        {
-            self.received += 1;
-            let state = JointState {
-                joints: [self.received; JOINTS],
-                gripper: 0,
-                status: MotionStatus::Idle,
+        if let Some(DeviceEvent::Request { request, .. }) = self.device.poll() {
+            let response = match request {
+                Request::ReadJoints => {
+                    self.received += 1;
+                    Response::Joints(JointState {
+                        joints: [self.received; JOINTS],
+                        gripper: 0,
+                        status: MotionStatus::Idle,
+                    })
+                }
+                Request::ReadStroke => Response::Stroke(Stroke::Mm50),
+                Request::ReadTemperatures => Response::Temperatures(PerServo::Leader([30; JOINTS])),
+                Request::ReadVelocities => Response::Velocities(PerServo::Leader([0; JOINTS])),
+                other => panic!("{other}"),
             };
             let mut out = [0; MAX_FRAME];
-            let n = self.device.respond(&Response::Joints(state), None, &mut out).unwrap();
+            let n = self.device.respond(&response, None, &mut out).unwrap();
             if let Some(delay) = self.delays.pop_front().unwrap_or(Some(Duration::from_micros(200))) {
                 // On the line an answer cannot overtake the one before it.
                 let after = self.replies.back().map_or(Instant::ZERO, |&(due, _)| due);
@@ -59,7 +63,7 @@ proptest! {
     fn answer_belongs_to_the_call_returning_it(
         delays in vec(prop_oneof![
             3 => Just(Some(Duration::from_micros(200))),
-            3 => (0..150_000_u64).prop_map(|delay| Some(Duration::from_micros(delay))),
+            3 => (0..1_500_000_u64).prop_map(|delay| Some(Duration::from_micros(delay))),
             1 => Just(None),
         ], 0..60),
         calls in 1..30_usize,
@@ -72,7 +76,8 @@ proptest! {
                 Ok(Some(Response::Joints(state))) => {
                     prop_assert!(state.joints[0] > before, "an answer to request {} of {before}", state.joints[0]);
                 }
-                Err(silence) => prop_assert_eq!(silence.sends, Config::DEFAULT.repeats + 1),
+                // It is not sent while the answer to an earlier one may come.
+                Err(silence) => prop_assert!([0, Config::DEFAULT.repeats + 1].contains(&silence.sends)),
                 other => prop_assert!(false, "{other:?}"),
             }
         }

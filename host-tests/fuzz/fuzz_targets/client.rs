@@ -1,6 +1,6 @@
 //! Any bytes at any time: each request ends once, with a fitting event. The port is read before each request. Only the
-//! request's bytes are sent, and zeros after a part of one that has ended. Time alone ends every wait. A reading does not
-//! wait for those before it.
+//! request's bytes are sent, fences before it, and zeros after a part of one that has ended. Time alone ends every wait. A
+//! reading does not wait for those before it.
 #![no_main]
 
 use std::num::NonZeroU32;
@@ -52,6 +52,10 @@ impl Check for Requests {
     }
 }
 
+/// Sends that a client tracks, and those of calls beside fences.
+const SENDS: usize = 12;
+const CALLS: usize = 7;
+
 /// The request in flight.
 struct Pending<P: Subject> {
     bytes: Vec<u8>,
@@ -91,6 +95,8 @@ struct Model<P: Subject, const N: usize> {
     pending: Option<Pending<P>>,
     /// The unsent zeros after a part of a request that has ended.
     void: usize,
+    /// The number of sent bytes of the present fence.
+    fence: usize,
     /// A request has ended in the middle, on a lossless line.
     abandoned: bool,
     broken: bool,
@@ -111,6 +117,7 @@ impl<P: Subject, const N: usize> World<P, N> {
                 config,
                 pending: None,
                 void: 0,
+                fence: 0,
                 abandoned: false,
                 broken: false,
                 turnaround: Duration::ZERO,
@@ -271,6 +278,8 @@ impl<P: Subject, const N: usize> World<P, N> {
             "{:?} does not end",
             self.client
         );
+        // A fence is completed.
+        self.transmit(N);
         assert_eq!(self.client.poll(self.now), Output::Timeout(None));
         assert!(
             self.now <= end,
@@ -293,8 +302,12 @@ impl<P: Subject, const N: usize> Model<P, N> {
             self.void -= n;
             return;
         }
-        let pending = self.pending.as_mut().expect("something is sent without a request");
-        assert_eq!(pending.reads, Reads::Done, "the port was not read");
+        let Some(pending) = self.pending.as_mut().filter(|pending| pending.reads == Reads::Done) else {
+            let is_fence = |fence: &&[u8]| &fence[self.fence..] == bytes;
+            assert!(P::FENCES.iter().any(is_fence), "{bytes:02X?} before the port was read");
+            self.fence = (self.fence + n) % (self.fence + bytes.len());
+            return;
+        };
         assert_eq!(bytes, &pending.bytes[pending.part..]);
         pending.part += n;
         if pending.part == pending.bytes.len() {
@@ -330,13 +343,11 @@ impl<P: Subject, const N: usize> Model<P, N> {
             let open = self
                 .ended
                 .iter()
-                .filter(|(_, until)| now < *until)
-                .map(|(info, _)| info);
-            let others: Vec<_> = open.filter(|info| info.key != pending.info.key).collect();
-            // Requests of one other key leave room.
-            let has_room = others.iter().all(|info| info.key == others[0].key);
-            let is_alone = others.iter().all(|info| info.expect == pending.info.expect);
-            assert!(!(has_room && is_alone), "a reading is delayed");
+                .filter(|(_, until)| now < *until || !P::FENCES.is_empty());
+            let open: Vec<_> = open.map(|(info, _)| info).collect();
+            let has_room = open.len() < if P::FENCES.is_empty() { SENDS } else { CALLS };
+            let is_alone = open.iter().all(|info| info.expect == pending.info.expect);
+            assert!(!(has_room && is_alone) || self.fence > 0, "a reading is delayed");
         }
     }
 
@@ -404,6 +415,10 @@ impl<P: Subject, const N: usize> Model<P, N> {
                 let pending = self.end(now).expect("no request is in flight");
                 let response = pending.info.response.expect("it is not answered");
                 assert_eq!(sends, pending.sends);
+                if sends == 0 {
+                    assert!(!P::FENCES.is_empty(), "given up before it was sent");
+                    return false;
+                }
                 let most = match pending.info.effect {
                     Effect::Read if !pending.is_reading => self.config.repeats,
                     _ => 0,

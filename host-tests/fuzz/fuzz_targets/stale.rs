@@ -1,6 +1,6 @@
-//! An answer of a client is the arm's answer to this request, and not to an earlier one, even if answers are late within
-//! the configured limits, unread, lost or damaged. A reading may take an earlier answer that arrives after the port was
-//! read for it. Each answer counts once. The arm executes no request after its end.
+//! An answer of a client is the arm's answer to this request, and not to an earlier one, even if answers are late by any
+//! time, unread, lost or damaged, as long as they keep their order. Its state is no older than stated. Each answer counts
+//! once. The arm executes no request after its end.
 #![no_main]
 
 use core::num::NonZeroU32;
@@ -8,8 +8,9 @@ use core::num::NonZeroU32;
 use armwire::correlation::Correlation;
 use armwire::framing::Framing;
 use armwire::ling::{
-    Info, JointState, Ling, MAX_FRAME, MotionStatus, PerServo, Request, Response, SerialNumber, Torque, Version,
+    Info, JointState, Ling, MAX_FRAME, MotionStatus, PerServo, Request, Response, SerialNumber, Stroke, Torque, Version,
 };
+use armwire::messages::Messages;
 use armwire::time::{Duration, Instant};
 use armwire::{Client, Config, Device, DeviceEvent, Event, Output};
 use armwire_fuzz::{Arbitrary, Result, Unstructured, request_bytes, response_bytes};
@@ -28,7 +29,12 @@ const READINGS: [Request; 4] = [
 ];
 
 /// The tag of the last request but two.
-const LAST_TAG: u8 = 253;
+const LAST_TAG: u8 = 252;
+/// The tag of the answers to fences.
+const FENCE_TAG: u8 = 255;
+
+/// The time by which a state may be older than stated.
+const PROMPT: Duration = Duration::from_millis(10);
 
 /// Bytes of the arm, with their time.
 type Chunk = (Instant, Vec<u8>);
@@ -36,7 +42,7 @@ type Chunk = (Instant, Vec<u8>);
 /// The fate of an answer.
 #[derive(Arbitrary)]
 enum Fate {
-    /// The answer arrives after this number of 65536ths of its time limit.
+    /// The answer arrives after this number of 65536ths of ten times its time limit, and after those before it.
     After(u16),
     /// The answer arrives in two chunks, the first this number of microseconds before the second.
     InTwo(u16, u8),
@@ -60,6 +66,7 @@ fn answer(request: &Request, tag: u8) -> Option<Response> {
             hardware: Version(tag.into()),
             firmware: Version(tag.into()),
         }),
+        Request::ReadStroke => Response::Stroke(Stroke::Mm50),
         _ => return None,
     })
 }
@@ -102,17 +109,16 @@ fn check(u: &mut Unstructured<'_>) -> Result<()> {
 struct Flight {
     request: Request,
     tag: u8,
-    is_reading: bool,
     /// The number of sent bytes of its current transmission.
     part: usize,
-    /// The last time at which the port was read for it.
-    since: Instant,
+    /// The port was read for it: it goes out next.
+    is_next: bool,
 }
 
-/// An intact answer of the arm, which has arrived as a whole at this time.
+/// An intact answer of the arm, with its state at this time.
 struct Answer {
     response: Response,
-    arrived: Instant,
+    sampled: Instant,
 }
 
 /// A host, its port, and an arm.
@@ -123,6 +129,8 @@ struct World {
     flight: Option<Flight>,
     /// The zeros still due after a part of a request that has ended.
     void: usize,
+    /// The number of sent bytes of the present fence.
+    fence: usize,
     arm: Device<Ling, MAX_FRAME>,
     /// Bytes of the arm that have not arrived.
     chunks: Vec<Chunk>,
@@ -142,6 +150,7 @@ impl World {
             now: Instant::ZERO,
             flight: None,
             void: 0,
+            fence: 0,
             arm: Device::new(Ling),
             chunks: Vec::new(),
             port: Vec::new(),
@@ -160,9 +169,8 @@ impl World {
             self.flight = Some(Flight {
                 request,
                 tag,
-                is_reading,
                 part: 0,
-                since: self.now,
+                is_next: false,
             });
         }
         self.take_events();
@@ -208,23 +216,31 @@ impl World {
     fn transmit(&mut self, n: usize, fate: Fate) {
         let bytes = match self.client.poll(self.now) {
             Output::Receive => {
-                self.flight.as_mut().expect("no request is in flight").since = self.now;
+                self.flight.as_mut().expect("no request is in flight").is_next = true;
                 return self.read(n);
             }
             Output::Transmit(bytes) => bytes,
             Output::Event(_) | Output::Timeout(_) => return,
         };
         let n = n.min(bytes.len());
-        let mut sent = &bytes.to_vec()[..n];
+        let all = bytes.to_vec();
+        let mut sent = &all[..n];
         self.client.transmitted(self.now, n).expect("it was given");
+        let flight = self.flight.as_mut().filter(|flight| flight.is_next);
+        let mut is_fence = false;
         if self.void > 0 {
             assert!(sent.iter().all(|byte| *byte == 0), "no void: {sent:02X?}");
             self.void = self.void.checked_sub(n).expect("the void is too long");
-        } else {
-            let flight = self.flight.as_mut().expect("no request is in flight");
+        } else if let Some(flight) = flight {
             let frame = request_bytes(Ling, &flight.request);
             assert_eq!(sent, &frame[flight.part..][..n]);
             flight.part = (flight.part + n) % frame.len();
+        } else {
+            let fences = Ling::FENCES.iter();
+            let mut rests = fences.map(|frame| &frame[self.fence..]);
+            assert!(rests.any(|rest| rest == all), "no fence: {all:02X?}");
+            self.fence = (self.fence + n) % (self.fence + all.len());
+            is_fence = true;
         }
         let mut fate = Some(fate);
         while !sent.is_empty() {
@@ -233,18 +249,22 @@ impl World {
                 let DeviceEvent::Request { request, .. } = event else {
                     continue;
                 };
-                let flight = self.flight.as_ref().expect("a request is executed after its end");
-                assert_eq!(request, flight.request, "a request is executed after its end");
-                if let (Some(response), Some(fate)) = (answer(&request, flight.tag), fate.take()) {
+                let tag = match &self.flight {
+                    _ if is_fence => FENCE_TAG,
+                    Some(flight) if flight.request == request => flight.tag,
+                    _ => panic!("a request is executed after its end"),
+                };
+                if let (Some(response), Some(fate)) = (answer(&request, tag), fate.take()) {
                     let bytes = response_bytes(Ling, &response, None);
-                    let is_intact = !matches!(fate, Fate::Damaged(_));
-                    let chunks = arm_answer(&self.config, &request, bytes, self.now, fate);
-                    if let Some(&(arrived, _)) = chunks.last().filter(|_| is_intact) {
-                        self.answers.push(Answer { response, arrived });
-                        self.answers.sort_by_key(|answer| answer.arrived);
+                    if !matches!(fate, Fate::Damaged(_) | Fate::Lost) {
+                        let sampled = self.now;
+                        self.answers.push(Answer { response, sampled });
                     }
-                    self.chunks.extend(chunks);
-                    self.chunks.sort_by_key(|(at, _)| *at);
+                    let chunks = arm_answer(&self.config, &request, bytes, self.now, fate);
+                    // They keep their order.
+                    let before = self.chunks.last().map_or(Instant::ZERO, |(at, _)| *at);
+                    self.chunks
+                        .extend(chunks.into_iter().map(|(at, bytes)| (at.max(before), bytes)));
                 }
             }
         }
@@ -255,19 +275,29 @@ impl World {
         while let Output::Event(event) = self.client.poll(self.now) {
             match event {
                 Event::Answer(response) => {
+                    let stated = self.client.time_of_state().expect("it is an answer");
                     let flight = self.end().expect("no request is in flight");
                     self.answered += 1;
-                    let arrived = self.report(response);
-                    match flight.is_reading {
-                        true => assert!(flight.since <= arrived, "an answer from before the reading"),
-                        false => assert_eq!(
-                            Some(response),
-                            answer(&flight.request, flight.tag),
-                            "an answer to an earlier request"
-                        ),
-                    }
+                    let sampled = self.report(response);
+                    assert_eq!(
+                        Some(response),
+                        answer(&flight.request, flight.tag),
+                        "an answer to an earlier request"
+                    );
+                    assert!(
+                        stated.since(sampled) <= PROMPT,
+                        "sampled at {sampled:?}, stated {stated:?}"
+                    );
                 }
-                Event::Late(response) | Event::Unsolicited(response) => {
+                Event::Late(response) => {
+                    let stated = self.client.time_of_state().expect("it is an answer");
+                    let sampled = self.report(response);
+                    assert!(
+                        stated.since(sampled) <= PROMPT,
+                        "sampled at {sampled:?}, stated {stated:?}"
+                    );
+                }
+                Event::Unsolicited(response) => {
                     self.report(response);
                 }
                 Event::Sent | Event::TimedOut { .. } | Event::Unacceptable(_) | Event::ErrorFrame { .. } => {
@@ -278,11 +308,11 @@ impl World {
         }
     }
 
-    /// The client reports an answer. Returns the time of its arrival. Repeats have equal answers: it is that of the last
-    /// then, and the first counts as reported.
+    /// The client reports an answer. Returns the time of its state. Repeats have equal answers: it is that of the last then,
+    /// and the first counts as reported.
     fn report(&mut self, response: Response) -> Instant {
         let equal = |answer: &&Answer| answer.response == response;
-        let last = self.answers.iter().rfind(equal).map(|answer| answer.arrived);
+        let last = self.answers.iter().rfind(equal).map(|answer| answer.sampled);
         if let Some(first) = self.answers.iter().position(|answer| equal(&answer)) {
             self.answers.remove(first);
         }
@@ -298,11 +328,13 @@ impl World {
         self.take_events();
         for (tag, is_reading) in [(LAST_TAG + 1, true), (LAST_TAG + 2, false)] {
             let answered = self.answered;
-            self.submit(Request::ReadJoints, tag, is_reading);
-            // Zeros, and missing answers, may delay it.
+            // Zeros, fences, and missing answers, may delay it. It is given up while earlier answers may arrive.
             for _ in 0..10_000 {
-                if self.flight.is_none() {
+                if self.answered > answered {
                     break;
+                }
+                if self.flight.is_none() {
+                    self.submit(Request::ReadJoints, tag, is_reading);
                 }
                 match self.client.poll(self.now) {
                     Output::Receive | Output::Transmit(_) => self.transmit(usize::MAX, Fate::After(0)),
@@ -320,7 +352,7 @@ impl World {
 fn arm_answer(config: &Config, request: &Request, mut bytes: Vec<u8>, sent: Instant, fate: Fate) -> Vec<Chunk> {
     let info = Ling.request(&request_bytes(Ling, request)).expect("it is a request");
     let turnaround = info.response.expect("it is answered").turnaround;
-    let most = (turnaround + config.latency + config.stale_window).as_micros();
+    let most = 10 * (turnaround + config.latency + config.stale_window).as_micros();
     let after = |part: u16| sent + Duration::from_micros(most * u64::from(part) / 65_536);
     match fate {
         Fate::Lost => Vec::new(),

@@ -845,7 +845,14 @@ impl Oracle {
             .pending_answers
             .iter()
             .rposition(|pending| pending.key == key && pending.tag == tag)
-            .map(|at| self.pending_answers.remove(at));
+            .map(|at| {
+                // An arm answers in order: the overdue answers before this one do not come.
+                let earlier = self.pending_answers.drain(..at).filter(|pending| now < pending.due);
+                let earlier: Vec<_> = earlier.collect();
+                let answered = self.pending_answers.remove(0);
+                self.pending_answers.splice(0..0, earlier);
+                answered
+            });
         let is_in_time = answered.is_some_and(|pending| now <= pending.due && !pending.is_ambiguous);
         self.timely_answer = is_in_time.then_some(tag).filter(|tag| tag.initiator != Initiator::Usb);
         if answered.is_some() || is_own(tag.initiator) {
