@@ -189,7 +189,7 @@ fn next_reading(stream: &mut Stream) -> JointState {
     loop {
         let readings = stream.receive(Duration::from_millis(100)).unwrap();
         if let Some(reading) = readings.last() {
-            return *reading;
+            return reading.state;
         }
     }
 }

@@ -5,7 +5,7 @@ use armwire::messages::Messages;
 use armwire::time::{Duration, Instant};
 use armwire_bridge::control::Event;
 use armwire_host::stamps::{Clock, HostTime};
-use armwire_host::{Adapter, Error, Stream};
+use armwire_host::{Adapter, Error, Stream, StreamReading};
 
 /// Maximum wait for a reading before setpoints and requests have their turn.
 const STEP: Duration = Duration::from_millis(5);
@@ -25,11 +25,12 @@ pub(crate) enum Input {
 }
 
 impl Input {
-    /// A reading that was made and received at these times.
-    pub(crate) fn reading(made: HostTime, received: HostTime, state: JointState) -> Self {
-        let age = received.monotonic_ns - made.monotonic_ns;
+    /// A reading that was received at this time.
+    pub(crate) fn reading(reading: StreamReading, received: HostTime) -> Self {
+        let StreamReading { state, time } = reading;
+        let age = received.monotonic_ns - time.monotonic_ns;
         Self::Reading {
-            at: made.unix_ns,
+            at: time.unix_ns,
             age: Duration::from_micros(u64::try_from(age / 1_000).unwrap_or(0)),
             state,
         }
@@ -50,7 +51,7 @@ pub(crate) trait Port {
     fn request_joints(&mut self) -> Result<(), Error>;
 
     /// The readings that have arrived, after a wait of at most this long for the first byte.
-    fn receive(&mut self, wait: Duration) -> Result<Vec<JointState>, Error>;
+    fn receive(&mut self, wait: Duration) -> Result<Vec<StreamReading>, Error>;
 }
 
 /// Requests at a rate.
@@ -78,14 +79,16 @@ impl Source {
                 let Ok(Response::Joints(state)) = Ling.parse_response(&bytes, ()) else {
                     return Ok(Vec::new());
                 };
-                stream.on_joints(&state);
                 let received = HostTime::now();
-                Ok(vec![Input::reading(clock.host_time(stamp, received), received, state)])
+                let time = clock.host_time(stamp, received);
+                let reading = StreamReading { state, time };
+                stream.on_joints(reading);
+                Ok(vec![Input::reading(reading, received)])
             }
             Self::Arm(requests) => {
                 let readings = requests.receive(now, stream)?;
                 let received = HostTime::now();
-                let reading = |state| Input::reading(received, received, state);
+                let reading = |reading| Input::reading(reading, received);
                 Ok(readings.into_iter().map(reading).collect())
             }
         }
@@ -107,7 +110,7 @@ impl Requests {
     }
 
     /// The readings, after a wait until the next request, and of at most a step.
-    fn receive(&mut self, now: Instant, port: &mut impl Port) -> Result<Vec<JointState>, Error> {
+    fn receive(&mut self, now: Instant, port: &mut impl Port) -> Result<Vec<StreamReading>, Error> {
         if now >= self.due {
             port.request_joints()?;
             self.due = (self.due + self.period).max(now);
@@ -121,7 +124,7 @@ impl Port for Stream {
         self.request_joints()
     }
 
-    fn receive(&mut self, wait: Duration) -> Result<Vec<JointState>, Error> {
+    fn receive(&mut self, wait: Duration) -> Result<Vec<StreamReading>, Error> {
         self.receive(wait.into())
     }
 }

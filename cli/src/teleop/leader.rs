@@ -4,9 +4,9 @@ use std::num::NonZeroU32;
 use std::thread;
 use std::time::{Duration, Instant};
 
-use armwire::ling::{JointState, Kind};
+use armwire::ling::Kind;
 use armwire_host::follow::{Follow, Progress};
-use armwire_host::{Error as Host, Port, Stream};
+use armwire_host::{Error as Host, Port, Stream, StreamReading};
 
 use super::arm::{open, prepare};
 use crate::error::Error;
@@ -71,7 +71,7 @@ impl<'a> Leader<'a> {
     }
 
     /// The readings that have arrived, after a wait of at most this long for the first byte.
-    pub(super) fn receive(&mut self, wait: Duration) -> Result<Vec<JointState>, Error> {
+    pub(super) fn receive(&mut self, wait: Duration) -> Result<Vec<StreamReading>, Error> {
         let Ok(stream) = &mut self.stream else {
             thread::sleep(wait);
             return Ok(Vec::new());

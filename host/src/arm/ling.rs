@@ -26,9 +26,10 @@ use crate::ports::control::Adapter;
 use crate::ports::link::{Interrupt, LineErrors, Link};
 use crate::ports::port::Connection;
 use crate::time::silence::SilenceLimit;
+use crate::time::stamps::HostTime;
 
 pub use park::Parking;
-pub use stream::Stream;
+pub use stream::{Stream, StreamReading};
 pub use wait::{MotionReadings, Switching, Wait};
 
 /// A Ling arm on a port, which [`Connection::ling`] opens.
@@ -118,7 +119,7 @@ impl Ling {
     /// Reads the joint positions, the gripper and the motion status.
     pub fn read_joints(&mut self) -> Result<JointState, Error> {
         let state: JointState = self.link.read(&Request::ReadJoints)?;
-        self.note(&state);
+        self.note(&state, self.link.time_of_state());
         Ok(state)
     }
 
@@ -126,15 +127,15 @@ impl Ling {
     ///
     /// The answer may be one to an earlier request: it permits no move, and only forbids one.
     pub(crate) fn read_joints_until(&mut self, until: Instant) -> Result<bool, Error> {
-        let take = |response| JointState::try_from(response).ok();
-        let Some(state) = self.link.read_until(&Request::ReadJoints, until, take)?.flatten() else {
-            return Ok(false);
-        };
-        if let Some(on_pose) = &mut self.on_pose {
-            on_pose(state);
-        }
-        self.may_move &= state.status.check_motion().is_ok();
-        Ok(true)
+        let (on_pose, may_move) = (&mut self.on_pose, &mut self.may_move);
+        let convert = |response| JointState::try_from(response).ok();
+        self.link
+            .read_until(&Request::ReadJoints, until, convert, |state, time| {
+                if let Some(on_pose) = on_pose {
+                    on_pose(state, time);
+                }
+                *may_move &= state.status.check_motion().is_ok();
+            })
     }
 
     /// The adapter on this arm's port. `None` without one.
@@ -417,10 +418,10 @@ impl Ling {
         self.link
     }
 
-    /// Takes a reading.
-    fn note(&mut self, state: &JointState) {
+    /// Takes a reading of the arm's state at this time.
+    fn note(&mut self, state: &JointState, time: HostTime) {
         if let Some(on_pose) = &mut self.on_pose {
-            on_pose(*state);
+            on_pose(*state, time);
         }
         self.last = Some(*state);
         self.is_own = !matches!(state.status, MotionStatus::Foreign(_));
@@ -601,7 +602,7 @@ mod tests {
     fn every_read_of_the_joints_is_reported() {
         let (poses, reported) = mpsc::channel();
         let mut arm = holding();
-        arm.on_pose = Some(Box::new(move |pose| poses.send(pose).unwrap()));
+        arm.on_pose = Some(Box::new(move |pose, _| poses.send(pose).unwrap()));
         let state = arm.read_joints().unwrap();
         MotionReadings::default().read(&mut arm).unwrap();
         assert!(arm.read_joints_until(Instant::now()).unwrap());

@@ -4,6 +4,7 @@ use armwire::ling::JointState;
 use armwire::xarm::State;
 
 use crate::describe::xarm::JOINTS;
+use crate::time::stamps::HostTime;
 
 /// A pose of an arm.
 pub trait Pose: Copy + Send + Sync + 'static {
@@ -13,8 +14,8 @@ pub trait Pose: Copy + Send + Sync + 'static {
     fn between(&self, later: &Self, fraction: f64) -> Self;
 }
 
-/// A recipient of each pose that an arm reports.
-pub type OnPose<P> = Box<dyn FnMut(P) + Send>;
+/// A recipient of each pose that an arm reports, with its time.
+pub type OnPose<P> = Box<dyn FnMut(P, HostTime) + Send>;
 
 impl Pose for JointState {
     /// Rounded to the arm's ticks and thousandths.

@@ -94,7 +94,7 @@ impl XArm {
             (None, _) => Ok(false),
             (Some(_), None) => Ok(true),
             (Some(pose), Some(on_pose)) => {
-                on_pose(pose);
+                on_pose(pose, self.link.time_of_state());
                 Ok(true)
             }
         }

@@ -1,10 +1,8 @@
 //! The newest pose of an arm, read by a thread of its own.
 //!
-//! [`pose`] has what is read, [`patience`] how long an answer is waited for, and [`history`] keeps each [`reading`].
-//! [`polled`] has the readings of an adapter.
+//! [`pose`] has what is read, and [`history`] keeps each [`reading`]. [`polled`] has the readings of an adapter.
 
 mod history;
-mod patience;
 mod polled;
 mod pose;
 mod reading;
@@ -15,6 +13,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
+use armwire::time;
+
 use crate::arm::ling::Ling;
 use crate::arm::shared::Shared;
 use crate::arm::xarm::XArm;
@@ -23,24 +23,26 @@ use crate::ports::control::Adapter;
 use crate::time::pace::Pace;
 use crate::time::rate::Rate;
 use crate::time::silence::SilenceLimit;
-use crate::time::stamps::{HostTime, monotonic};
+use crate::time::stamps::monotonic;
 use crate::time::stopwatch::Stopwatch;
 use history::{History, Missing};
-use patience::Patience;
 use polled::Polled;
 
 pub use pose::Readable;
 use reading::End;
 pub use reading::{Counts, Reading, Stamping};
 
+/// Maximum wait for one answer, for which calls wait, too. It comes with a later reading then.
+const MAX_WAIT: time::Duration = time::Duration::from_millis(100);
+
 /// A thread that reads the pose of an arm at a rate. Callers get the newest pose without waiting. Its drop ends it.
 ///
 /// An adapter on the arm's port polls the arm by its clock, and its stamps are the times of the readings. Otherwise the
-/// thread reads, and a reading has the time of its receipt. A lost answer costs one reading: the next one begins at its
-/// time. It is [counted](Self::counts).
+/// thread reads, and a reading has the time of its receipt, or of its request if the answer took more than 10 ms. A lost
+/// answer costs one reading: the next one begins at its time. It is [counted](Self::counts).
 ///
-/// Commands go on meanwhile, through the [shared arm](Self::arm): each waits for at most one read. A read by a command
-/// waits for the answers to lost readings, as for any lost answer: 0.2 s at most for a Ling arm on a serial port.
+/// Commands go on meanwhile, through the [shared arm](Self::arm): each waits for at most one read. A read by a command is
+/// answered by what was sent after its begin. After a lost reading it waits for one more answer: see [`armwire::Client`].
 ///
 /// ```no_run
 /// use armwire::ling::Torque;
@@ -189,9 +191,7 @@ impl<A: Readable> Reader<A> {
                 let (name, user) = (arm.name().into(), "another reader of this program".into());
                 return Err(Error::InUse { name, user });
             }
-            *arm.on_pose() = Some(Box::new(move |pose| {
-                history.push(pose, HostTime::now(), Stamping::Receipt);
-            }));
+            *arm.on_pose() = Some(Box::new(move |pose, time| history.push(pose, time, Stamping::Receipt)));
             Ok(())
         })?;
         let arm = arm.clone();
@@ -269,7 +269,7 @@ impl<A: Readable> fmt::Debug for Reader<A> {
 /// Reads the arm at this rate until the stop, or until no later reading can succeed.
 fn read<A: Readable>(arm: &Shared<A>, rate: Rate, history: &History<A::Pose>, stop: &AtomicBool) {
     let clock = Stopwatch::start();
-    let (mut pace, mut patience) = (Pace::new(rate), Patience::default());
+    let mut pace = Pace::new(rate);
     while !stop.load(Ordering::Relaxed) {
         let left = clock.until(pace.next());
         if !left.is_zero() {
@@ -279,8 +279,8 @@ fn read<A: Readable>(arm: &Shared<A>, rate: Rate, history: &History<A::Pose>, st
         let answered = arm.read(|arm| {
             let now = clock.now();
             history.add_missed(pace.begin(now).unwrap_or(0));
-            let wait = patience.end(now, pace.next()).since(now);
-            arm.read_pose(Instant::now() + wait.into())
+            let until = pace.next().min(now + MAX_WAIT);
+            arm.read_pose(Instant::now() + until.since(now).into())
         });
         let is_answered = match answered {
             Ok(is_answered) => is_answered,
@@ -291,7 +291,6 @@ fn read<A: Readable>(arm: &Shared<A>, rate: Rate, history: &History<A::Pose>, st
         };
         if !is_answered {
             history.add_lost(1);
-            patience.lost(clock.now());
         }
     }
 }

@@ -29,7 +29,8 @@ pub struct Reading<P> {
 pub enum Stamping {
     /// The arrival of the answer's last byte at the adapter, by its clock.
     Adapter,
-    /// The receipt of the answer by this program: later by the delays of the line and of the system.
+    /// The receipt of the answer by this program: later by the delays of the line and of the system, at most 10 ms. The
+    /// request of an answer that took longer: the line, or the arm, may have held it back.
     Receipt,
 }
 

@@ -28,6 +28,11 @@ impl Stopwatch {
         time::Instant::from_micros(self.0.elapsed().as_micros().try_into().unwrap_or(u64::MAX))
     }
 
+    /// The instant this long before now; zero if the clock was not started then.
+    pub fn before(&self, age: Duration) -> time::Instant {
+        self.now() - age.try_into().unwrap_or(time::Duration::MAX)
+    }
+
     /// Time from now to `instant`; zero if it has passed.
     pub fn until(&self, instant: time::Instant) -> Duration {
         instant.since(self.now()).into()

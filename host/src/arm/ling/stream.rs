@@ -4,22 +4,40 @@ use std::mem;
 use std::time::Duration;
 
 use armwire::ling::effect::Effect;
-use armwire::ling::{JointState, Move, Request};
+use armwire::ling::{JointState, Move, Request, Response};
 
 use super::Ling;
 use crate::error::{Error, TorqueOffEffect};
 use crate::ports::link::LineErrors;
+use crate::time::stamps::{HostTime, monotonic};
 
 /// A Ling arm that is moved and read without waiting for answers, so that a lost one costs one reading.
 ///
-/// Readings come in the order of their requests, but name none: a reading is as old as the line delays it.
+/// Each reading has the [time](armwire::Client::time_of_state) of the arm's state: a line may hold it back.
 #[derive(Debug)]
 pub struct Stream {
     arm: Ling,
     /// The readings that arrived before the last request, and were not received.
-    arrived: Vec<JointState>,
+    arrived: Vec<StreamReading>,
     /// The last reading in the stream.
     state: Option<JointState>,
+}
+
+/// A reading of the joints in a [`Stream`].
+#[derive(Clone, Copy, Debug)]
+pub struct StreamReading {
+    /// The arm's state.
+    pub state: JointState,
+    /// Its time.
+    pub time: HostTime,
+}
+
+impl StreamReading {
+    /// The time since then.
+    pub fn age(&self) -> Duration {
+        let nanos = monotonic().saturating_sub(self.time.monotonic_ns);
+        Duration::from_nanos(nanos.try_into().unwrap_or(0))
+    }
 }
 
 impl Ling {
@@ -40,9 +58,7 @@ impl Stream {
     ///
     /// The line fails.
     pub fn request_joints(&mut self) -> Result<(), Error> {
-        let mut readings = Vec::new();
-        let take = |response| readings.extend(JointState::try_from(response));
-        self.arm.link.start_reading(&Request::ReadJoints, take)?;
+        let readings = self.arm.link.start_reading(&Request::ReadJoints, joint_state)?;
         self.note(readings);
         Ok(())
     }
@@ -52,25 +68,25 @@ impl Stream {
     /// # Errors
     ///
     /// The line fails. [`Error::Interrupted`] after a wait without bytes.
-    pub fn receive(&mut self, wait: Duration) -> Result<Vec<JointState>, Error> {
+    pub fn receive(&mut self, wait: Duration) -> Result<Vec<StreamReading>, Error> {
         let wait = if self.arrived.is_empty() { wait } else { Duration::ZERO };
-        let joints = |response| JointState::try_from(response).ok();
-        let responses = self.arm.link.responses(wait, joints)?.unwrap_or_default();
-        self.note(responses.into_iter().flatten().collect());
+        let readings = self.arm.link.readings(wait, joint_state)?;
+        self.note(readings);
         Ok(mem::take(&mut self.arrived))
     }
 
     /// Takes a reading of this arm that another port delivered, such as that of an adapter which polls it.
-    pub fn on_joints(&mut self, state: &JointState) {
-        self.state = Some(*state);
-        self.arm.note(state);
+    pub fn on_joints(&mut self, reading: StreamReading) {
+        self.state = Some(reading.state);
+        self.arm.note(&reading.state, reading.time);
     }
 
     /// Takes readings.
-    fn note(&mut self, readings: Vec<JointState>) {
-        for state in readings {
-            self.on_joints(&state);
-            self.arrived.push(state);
+    fn note(&mut self, readings: Vec<(JointState, HostTime)>) {
+        for (state, time) in readings {
+            let reading = StreamReading { state, time };
+            self.on_joints(reading);
+            self.arrived.push(reading);
         }
     }
 
@@ -124,4 +140,8 @@ impl Stream {
     pub fn line_errors(&self) -> LineErrors {
         self.arm.line_errors()
     }
+}
+
+fn joint_state(response: Response) -> Option<JointState> {
+    response.try_into().ok()
 }

@@ -375,6 +375,9 @@ mod tests {
         }
 
         fn write(&mut self, bytes: &[u8]) -> Result<usize, Error> {
+            if Protocol::FENCES.contains(&bytes) {
+                return Ok(bytes.len());
+            }
             let (number, fails) = self.moving.set(|arm| {
                 arm.requests += 1;
                 (arm.requests, arm.failing.contains(&arm.requests))

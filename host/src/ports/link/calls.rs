@@ -41,25 +41,6 @@ impl<P: Arm> Link<P> {
         self.complete(request, take, None)
     }
 
-    /// Makes one call, as one of many readings at a rate: it waits for no earlier answer, which may even be taken for its
-    /// own, and is not repeated. See [`Client::submit_reading`](armwire::Client::submit_reading). It runs without the
-    /// interrupt.
-    ///
-    /// `None` if no answer arrives until this time: the call is cancelled then.
-    ///
-    /// # Errors
-    ///
-    /// As of [`call`](Self::call), except for a missing answer.
-    pub(crate) fn read_until<T>(
-        &mut self,
-        request: &P::Request<'_>,
-        until: Instant,
-        take: impl FnOnce(P::Response<'_>) -> T,
-    ) -> Result<Option<T>, Error> {
-        self.client.submit_reading(request);
-        self.complete_until(request, take, until)
-    }
-
     /// Makes one call without the interrupt. `None` if no answer arrives until this time: the call is cancelled then.
     ///
     /// # Errors
@@ -72,16 +53,6 @@ impl<P: Arm> Link<P> {
         take: impl FnOnce(P::Response<'_>) -> T,
     ) -> Result<Option<T>, Error> {
         self.client.submit(request);
-        self.complete_until(request, take, until)
-    }
-
-    /// Completes the submitted call without the interrupt, or cancels it at this time.
-    fn complete_until<T>(
-        &mut self,
-        request: &P::Request<'_>,
-        take: impl FnOnce(P::Response<'_>) -> T,
-        until: Instant,
-    ) -> Result<Option<T>, Error> {
         match self.uninterrupted(|link| link.complete(request, take, Some(until))) {
             Err(Error::NoAnswer { .. }) => Ok(None),
             result => result,
@@ -123,14 +94,8 @@ impl<P: Arm> Link<P> {
             let until = match advanced {
                 Continue(until) => until.unwrap_or_default(),
                 Break(End::Done(answer)) => return Ok(answer),
-                Break(End::Unacceptable(error)) => {
-                    let reason = format_args!("the arm's answer cannot be accepted: {error}");
-                    return Err(Error::unacceptable(self.name(), reason));
-                }
-                Break(End::ErrorFrame(frame)) => {
-                    let name = self.name().into();
-                    return Err(Error::ErrorFrame { name, frame });
-                }
+                Break(End::Unacceptable(error)) => return Err(self.unacceptable(&error)),
+                Break(End::ErrorFrame(frame)) => return Err(self.error_frame(frame)),
                 Break(End::TimedOut { sends }) => {
                     received.sends = sends;
                     received.millis = clock.now().since(begun).as_micros() / 1_000;
@@ -235,6 +200,16 @@ impl<P: Arm> Link<P> {
         }
     }
 
+    pub(super) fn unacceptable(&self, error: &ParseError) -> Error {
+        let reason = format_args!("the arm's answer cannot be accepted: {error}");
+        Error::unacceptable(self.name(), reason)
+    }
+
+    pub(super) fn error_frame(&self, frame: ErrorFrame) -> Error {
+        let name = self.name().into();
+        Error::ErrorFrame { name, frame }
+    }
+
     fn no_answer(&self, request: &P::Request<'_>, mut received: Received) -> Error {
         let (count, bytes) = self.client.received();
         received.count = count;
@@ -289,34 +264,7 @@ mod tests {
     use super::*;
     use crate::error::text::Text;
     use crate::ports::line::Line;
-    use crate::ports::link::fake::{Answering, joints};
-
-    #[test]
-    fn lost_answer_does_not_delay_the_next_reading() {
-        let arm = Answering::new(|number| if number == 1 { Vec::new() } else { joints(number) });
-        let mut link = Link::<Ling>::new(Box::new(Arc::clone(&arm)), Ling::CONFIG);
-        let mut read = || {
-            let take = |response| JointState::try_from(response).ok();
-            link.read_until(&Request::ReadJoints, Instant::now(), take).unwrap()
-        };
-        assert_eq!(read(), None);
-        assert_eq!(arm.lock().unwrap().requests, 1, "it is not repeated");
-        let state = read().flatten().unwrap();
-        assert_eq!(state.joints, [2; 6]);
-        assert_eq!(arm.lock().unwrap().requests, 2);
-    }
-
-    #[test]
-    fn reading_runs_without_the_interrupt() {
-        let mut link = Link::<Ling>::new(Box::new(Answering::new(|_| Vec::new())), Ling::CONFIG);
-        link.set_interrupt(|| Err("Ctrl-C".into()));
-        let until = Instant::now() + Duration::from_millis(2);
-        assert!(matches!(link.read_until(&Request::ReadJoints, until, drop), Ok(None)));
-        assert!(matches!(
-            link.call(&Request::ReadJoints, drop),
-            Err(Error::Interrupted(_))
-        ));
-    }
+    use crate::ports::link::fake::{Answering, fence_answer, joints};
 
     /// The answer with a gripper stroke that no gripper has.
     fn unknown_stroke(_: u16) -> Vec<u8> {
@@ -333,6 +281,7 @@ mod tests {
     #[test]
     fn unacceptable_answer_ends_the_call_with_its_reason() {
         let arm = Answering::new(unknown_stroke);
+        arm.lock().unwrap().answers_fences = false;
         let mut link = Link::<Ling>::new(Box::new(Arc::clone(&arm)), Ling::CONFIG);
         let error = link.call(&Request::ReadStroke, drop).unwrap_err();
         assert_eq!(
@@ -539,6 +488,10 @@ mod tests {
             assert!(line.arm.receive(&bytes[..n]).is_empty());
             while let Some(event) = line.arm.poll() {
                 if let DeviceEvent::Request { request, .. } = event {
+                    if let Some(answer) = fence_answer(&request) {
+                        line.answers.push_back(answer);
+                        continue;
+                    }
                     assert_eq!(Some(request), line.current, "its call has ended");
                     line.executed += 1;
                     line.answers

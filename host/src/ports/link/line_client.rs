@@ -14,6 +14,7 @@ use crate::error::Error;
 use crate::error::text::Text;
 use crate::ports::line::{Line, Names, Reception};
 use crate::ports::tap::{Tap, Tapped};
+use crate::time::stamps::HostTime;
 use crate::time::stopwatch::Stopwatch;
 
 /// Buffer size: the longest frame of every protocol fits.
@@ -178,8 +179,21 @@ impl<P: Arm> LineClient<P> {
         self.client.frame()
     }
 
+    /// The time of the state in the last answer: see [`Client::time_of_state`]. Now, if the last event was no answer.
+    pub(super) fn time_of_state(&self) -> HostTime {
+        let now = HostTime::now();
+        let age = self
+            .client
+            .time_of_state()
+            .map_or(0, |at| self.clock.now().since(at).as_micros());
+        now.at(now.monotonic_ns.saturating_sub(i64::try_from(age).unwrap_or(0) * 1_000))
+    }
+
     pub(super) fn errors(&self) -> LineErrors {
-        self.errors
+        LineErrors {
+            out_of_order: self.client.out_of_order().into(),
+            ..self.errors
+        }
     }
 
     pub(super) fn clock(&self) -> Stopwatch {

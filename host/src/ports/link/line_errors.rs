@@ -12,6 +12,8 @@ pub struct LineErrors {
     pub noise_bytes: usize,
     /// Frames with a wrong checksum.
     pub checksums: usize,
+    /// Answers that did not keep the order of their requests. After the first, a lost answer is known by time alone.
+    pub out_of_order: usize,
 }
 
 impl Add for LineErrors {
@@ -21,6 +23,7 @@ impl Add for LineErrors {
         Self {
             noise_bytes: self.noise_bytes + other.noise_bytes,
             checksums: self.checksums + other.checksums,
+            out_of_order: self.out_of_order + other.out_of_order,
         }
     }
 }

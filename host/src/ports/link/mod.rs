@@ -23,6 +23,7 @@ use crate::describe::Arm;
 use crate::error::Error;
 use crate::ports::line::Line;
 use crate::ports::tap::Tap;
+use crate::time::stamps::HostTime;
 pub use interrupt::Interrupt;
 pub(crate) use interrupt::PERIOD as INTERRUPT_PERIOD;
 use line_client::LineClient;
@@ -81,6 +82,12 @@ impl<P: Arm> Link<P> {
     /// the call ended without one.
     pub fn frame(&self) -> &[u8] {
         self.client.frame()
+    }
+
+    /// The time of the state in the answer that ended the last call: see
+    /// [`Client::time_of_state`](armwire::Client::time_of_state).
+    pub(crate) fn time_of_state(&self) -> HostTime {
+        self.client.time_of_state()
     }
 
     /// Errors on the line so far.

@@ -1,37 +1,138 @@
-//! Readings at a rate: requests that nothing waits for, and the responses that arrive later.
+//! Readings at a rate: each answer, also a late one, is reported with the time of its state.
 
-use std::ops::ControlFlow;
-use std::time::Duration;
+use std::mem;
+use std::ops::ControlFlow::{Break, Continue};
+use std::time::{Duration, Instant};
 
-use armwire::Event;
+use armwire::{ErrorFrame, Event, ParseError};
 
 use super::Link;
 use crate::describe::Arm;
 use crate::error::Error;
+use crate::time::stamps::HostTime;
+
+/// An event during a reading.
+enum News<T> {
+    /// The answer to an earlier reading.
+    Late(T),
+    Answer(Option<T>),
+    Unacceptable(ParseError),
+    ErrorFrame(ErrorFrame),
+    TimedOut,
+}
 
 impl<P: Arm> Link<P> {
+    /// Makes one reading, as one of many at a rate, without the interrupt. Passes its answer to `take`, as converted and
+    /// with the [time of its state](armwire::Client::time_of_state), and before it those to earlier readings. Returns true
+    /// if there was one, false without any until this time: the reading is cancelled then, and its answer is passed to a
+    /// later one. See [`Client::submit_reading`](armwire::Client::submit_reading).
+    ///
+    /// # Errors
+    ///
+    /// As of [`call`](Self::call), except for a missing answer.
+    pub(crate) fn read_until<T>(
+        &mut self,
+        request: &P::Request<'_>,
+        until: Instant,
+        convert: impl Fn(P::Response<'_>) -> Option<T>,
+        take: impl FnMut(T, HostTime),
+    ) -> Result<bool, Error> {
+        self.client.submit_reading(request);
+        self.uninterrupted(|link| link.complete_reading(until, convert, take))
+    }
+
+    /// Completes the submitted reading, or cancels it at `limit`.
+    fn complete_reading<T>(
+        &mut self,
+        limit: Instant,
+        convert: impl Fn(P::Response<'_>) -> Option<T>,
+        mut take: impl FnMut(T, HostTime),
+    ) -> Result<bool, Error> {
+        let (mut is_read, mut is_over) = (false, false);
+        loop {
+            let advanced = self.client.advance(|event| match event {
+                Event::Answer(response) => Break(News::Answer(convert(response))),
+                Event::Late(response) => convert(response).map_or(Continue(()), |value| Break(News::Late(value))),
+                Event::Unacceptable(error) => Break(News::Unacceptable(error)),
+                Event::ErrorFrame { frame } => Break(News::ErrorFrame(ErrorFrame::new(frame))),
+                Event::TimedOut { .. } => Break(News::TimedOut),
+                _ => Continue(()),
+            })?;
+            let (value, is_end) = match advanced {
+                Break(News::Late(value)) => (Some(value), false),
+                Break(News::Answer(value)) => (value, true),
+                Break(News::Unacceptable(error)) => return Err(self.unacceptable(&error)),
+                Break(News::ErrorFrame(frame)) => return Err(self.error_frame(frame)),
+                Break(News::TimedOut) => (None, true),
+                Continue(due) => {
+                    let left = limit.saturating_duration_since(Instant::now());
+                    // One more read after the limit: the answer may have arrived while this thread did not run.
+                    if left.is_zero() && mem::replace(&mut is_over, true) {
+                        self.client.cancel();
+                        return Ok(is_read);
+                    }
+                    let wait = self.client.clock().until(due.unwrap_or_default());
+                    self.client.receive(wait.min(left))?;
+                    continue;
+                }
+            };
+            if let Some(value) = value {
+                take(value, self.client.time_of_state());
+                is_read = true;
+            }
+            if is_end {
+                return Ok(is_read);
+            }
+        }
+    }
+
     /// Sends a reading, as one of many at a rate, and does not wait for its answer, which is among the later
-    /// [responses](Self::responses). No call takes it for its own answer. Those that arrived before go to `take`. See
-    /// [`Client::submit_reading`](armwire::Client::submit_reading).
+    /// [readings](Self::readings). No call takes it for its own answer. Returns those that arrived before.
     ///
     /// # Errors
     ///
     /// Errors of the line, and [`Error::Unacceptable`] if the bytes of a connection are no messages.
-    pub(crate) fn start_reading(
+    pub(crate) fn start_reading<T>(
         &mut self,
         request: &P::Request<'_>,
-        mut take: impl FnMut(P::Response<'_>),
-    ) -> Result<(), Error> {
+        convert: impl Fn(P::Response<'_>) -> Option<T>,
+    ) -> Result<Vec<(T, HostTime)>, Error> {
         self.client.submit_reading(request);
-        let sent = self.client.advance(|event| {
-            response(event).map(&mut take);
-            ControlFlow::<()>::Continue(())
-        });
-        sent.map(drop)
+        self.arrived(convert)
     }
 
-    /// The arm's responses that no call waits for, converted by `take`, after a wait of at most this long for the first
-    /// byte. `None` if no byte came.
+    /// The answers to readings, as converted and with the time of their states, after a wait of at most this long for the
+    /// first byte.
+    ///
+    /// # Errors
+    ///
+    /// As of [`start_reading`](Self::start_reading).
+    pub(crate) fn readings<T>(
+        &mut self,
+        wait: Duration,
+        convert: impl Fn(P::Response<'_>) -> Option<T>,
+    ) -> Result<Vec<(T, HostTime)>, Error> {
+        self.client.receive(wait)?;
+        self.arrived(convert)
+    }
+
+    /// The answers that have arrived. Sends what is due.
+    fn arrived<T>(&mut self, convert: impl Fn(P::Response<'_>) -> Option<T>) -> Result<Vec<(T, HostTime)>, Error> {
+        let mut arrived = Vec::new();
+        loop {
+            let advanced = self.client.advance(|event| match event {
+                Event::Answer(response) | Event::Late(response) => convert(response).map_or(Continue(()), Break),
+                _ => Continue(()),
+            })?;
+            match advanced {
+                Break(value) => arrived.push((value, self.client.time_of_state())),
+                Continue(_) => return Ok(arrived),
+            }
+        }
+    }
+
+    /// The arm's responses that no call waits for, asked for or not, converted by `take`, after a wait of at most this
+    /// long for the first byte. `None` if no byte came.
     ///
     /// # Errors
     ///
@@ -43,17 +144,13 @@ impl<P: Arm> Link<P> {
     ) -> Result<Option<Vec<T>>, Error> {
         let n = self.client.receive(wait)?;
         let mut responses = Vec::new();
-        self.client
-            .take_events(|event| responses.extend(response(event).map(&mut take)))?;
+        self.client.take_events(|event| match event {
+            Event::Answer(response) | Event::Late(response) | Event::Unsolicited(response) => {
+                responses.push(take(response));
+            }
+            _ => {}
+        })?;
         Ok((n > 0).then_some(responses))
-    }
-}
-
-/// The response in an event, whether it was asked for or not.
-fn response<R>(event: Event<'_, R>) -> Option<R> {
-    match event {
-        Event::Answer(response) | Event::Late(response) | Event::Unsolicited(response) => Some(response),
-        _ => None,
     }
 }
 
@@ -63,6 +160,7 @@ mod tests {
 
     use armwire::framing::Framing;
     use armwire::ling::{GripperSpeed, JointState, Ling, Move, Opening, Position, Request, Speed, Torque};
+    use armwire::messages::Messages;
 
     use super::*;
     use crate::error::text::Text;
@@ -124,29 +222,37 @@ mod tests {
             gripper: (Opening::OPEN, GripperSpeed(1_000)),
         };
         assert!(link.send(&Request::Move(target)).is_err());
-        link.start_reading(&Request::ReadJoints, drop).unwrap();
+        link.start_reading(&Request::ReadJoints, joint_state).unwrap();
         let sent = sent.lock().unwrap();
         let (void, read) = sent[10..].split_at(Ling::LONGEST);
         assert!(void.iter().all(|byte| *byte == 0), "{void:02X?}");
-        assert_eq!(read, [0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF]);
+        assert_eq!(
+            read,
+            [Ling::FENCES[0], &[0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF]].concat()
+        );
+    }
+
+    fn joint_state(response: armwire::ling::Response) -> Option<JointState> {
+        response.try_into().ok()
     }
 
     #[test]
     fn half_sent_reading_is_void() {
-        let (mut link, sent) = breaking(3);
-        let error = link.start_reading(&Request::ReadJoints, drop).unwrap_err();
+        let (mut link, sent) = breaking(10);
+        let error = link.start_reading(&Request::ReadJoints, joint_state).unwrap_err();
         assert!(matches!(error, Error::At { .. }), "{error:?}");
         link.send(&Request::SetTorque(Torque::Off)).unwrap();
         let sent = sent.lock().unwrap();
-        assert!(sent[3..3 + Ling::LONGEST].iter().all(|byte| *byte == 0), "{sent:02X?}");
-        assert_eq!(sent.len(), 3 + Ling::LONGEST + 7);
+        let rest = &sent[10..];
+        assert!(rest[..Ling::LONGEST].iter().all(|byte| *byte == 0), "{sent:02X?}");
+        assert_eq!(rest.len(), Ling::LONGEST + 7);
     }
 
     #[test]
     fn call_takes_no_answer_of_a_reading() {
         let arm = Answering::new(joints);
         let mut link = Link::<Ling>::new(Box::new(Arc::clone(&arm)), Ling::CONFIG);
-        link.start_reading(&Request::ReadJoints, drop).unwrap();
+        link.start_reading(&Request::ReadJoints, joint_state).unwrap();
         let state: JointState = link.read(&Request::ReadJoints).unwrap();
         assert_eq!(state.joints, [2; 6]);
     }
@@ -157,11 +263,40 @@ mod tests {
         let mut link = Link::<Ling>::new(Box::new(Arc::clone(&arm)), Ling::CONFIG);
         let mut readings = Vec::new();
         for _ in 0..4 {
-            let mut take = |response| readings.extend(JointState::try_from(response));
-            link.start_reading(&Request::ReadJoints, &mut take).unwrap();
-            link.responses(Duration::ZERO, take).unwrap();
+            readings.extend(link.start_reading(&Request::ReadJoints, joint_state).unwrap());
+            readings.extend(link.readings(Duration::ZERO, joint_state).unwrap());
         }
-        let ticks: Vec<_> = readings.iter().map(|state| state.joints[0]).collect();
+        let ticks: Vec<_> = readings.iter().map(|(state, _)| state.joints[0]).collect();
         assert_eq!(ticks, [1, 3, 4]);
+    }
+
+    #[test]
+    fn lost_answer_does_not_delay_the_next_reading() {
+        let arm = Answering::new(|number| if number == 1 { Vec::new() } else { joints(number) });
+        let mut link = Link::<Ling>::new(Box::new(Arc::clone(&arm)), Ling::CONFIG);
+        let mut read = || {
+            let mut ticks = Vec::new();
+            let take = |state: JointState, _| ticks.push(state.joints[0]);
+            link.read_until(&Request::ReadJoints, Instant::now(), joint_state, take)
+                .unwrap();
+            ticks
+        };
+        assert!(read().is_empty());
+        assert_eq!(arm.lock().unwrap().requests, 1, "it is not repeated");
+        assert_eq!(read(), [2]);
+        assert_eq!(arm.lock().unwrap().requests, 2);
+    }
+
+    #[test]
+    fn reading_runs_without_the_interrupt() {
+        let mut link = Link::<Ling>::new(Box::new(Answering::new(|_| Vec::new())), Ling::CONFIG);
+        link.set_interrupt(|| Err("Ctrl-C".into()));
+        let until = Instant::now() + Duration::from_millis(2);
+        let is_read = link.read_until(&Request::ReadJoints, until, joint_state, |_, _| {});
+        assert!(matches!(is_read, Ok(false)));
+        assert!(matches!(
+            link.call(&Request::ReadJoints, drop),
+            Err(Error::Interrupted(_))
+        ));
     }
 }
