@@ -4,7 +4,7 @@ use std::fs;
 use std::path::Path;
 
 /// The files of these tests.
-const TESTS: [&str; 51] = [
+const TESTS: [&str; 52] = [
     "bridge/src/tests/control.rs",
     "bridge/src/tests/delayed.rs",
     "bridge/src/tests/line_rate.rs",
@@ -49,6 +49,7 @@ const TESTS: [&str; 51] = [
     "python/tests/test_aio.py",
     "python/tests/test_board.py",
     "python/tests/test_foreign.py",
+    "python/tests/test_hiccup.py",
     "python/tests/test_lerobot.py",
     "python/tests/test_ling.py",
     "python/tests/test_stop.py",

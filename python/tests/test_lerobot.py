@@ -8,7 +8,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import pytest
 from scripted import MOVE, READ_JOINTS, TORQUE_OFF, TORQUE_ON, Row, RowArm, ScriptedArm, rows
@@ -42,8 +42,8 @@ def follower(port: str, tmp_path: Path, **options: Any) -> Any:
     return plugin.AliciaDArmwire(config)
 
 
-def leader(port: str, tmp_path: Path) -> Any:
-    config = leader_plugin.AliciaDLeaderArmwireConfig(id="test", calibration_dir=tmp_path, port=port)
+def leader(port: str, tmp_path: Path, **options: Any) -> Any:
+    config = leader_plugin.AliciaDLeaderArmwireConfig(id="test", calibration_dir=tmp_path, port=port, **options)
     return leader_plugin.AliciaDLeaderArmwire(config)
 
 
@@ -173,14 +173,6 @@ def test_action_without_a_number_is_not_sent(tmp_path: Path, wrong: dict[str, fl
     assert MOVE not in scripted.requests
 
 
-def test_stale_pose_is_an_error(robot: Any, virtual: sim.VirtualLing) -> None:
-    robot.get_observation()
-    virtual.set_faults(sim.Faults(drop=1_000_000))
-    wait_until(lambda: "ms old, and the limit is 100.0 ms" in refusal(robot))
-    virtual.set_faults(sim.Faults())
-    wait_until(lambda: refusal(robot) == "")
-
-
 def test_lost_answers_do_not_end_observations(virtual: sim.VirtualLing, tmp_path: Path) -> None:
     # One answer of 21 bytes in a hundred.
     virtual.set_faults(sim.Faults(drop=500))
@@ -198,10 +190,11 @@ def test_observation_is_of_the_time_of_the_newest_image() -> None:
         poses.start_reader(arm, 200) as reader,
     ):
         older, image, newer = (reader.next_after(number) for number in (1, 2, 3))
-        observed = poses.observed(reader, [None, older.monotonic_ns, image.monotonic_ns], 10.0)
+        patience = plugin.patience.Patience(1.0)
+        observed = poses.observed(reader, [None, older.monotonic_ns, image.monotonic_ns], 10.0, patience)
         assert observed == poses.pose(image.pose)
         for times in ([], [None], [image.monotonic_ns + 10**12]):
-            newest = poses.observed(reader, times, 10.0)
+            newest = poses.observed(reader, times, 10.0, patience)
             assert newest["joint1.pos"] >= newer.pose.joints_deg[0]
 
 
@@ -221,12 +214,37 @@ def test_image_has_the_time_of_its_camera() -> None:
                 return "old"
             return "new"
 
-    camera = Camera()
-    image, monotonic_ns = poses.image(camera)
+    camera, patience = Camera(), plugin.patience.Patience(1.0)
+    image, monotonic_ns = poses.image(camera, patience)
     assert image == "new"
     seconds = camera.latest_timestamp - time.perf_counter()
     assert abs(monotonic_ns - time.monotonic_ns() - seconds * 1e9) < 1e9
-    assert poses.image(type("Old", (), {"read_latest": lambda self: "image"})()) == ("image", None)
+    assert poses.image(type("Old", (), {"read_latest": lambda self: "image"})(), patience) == ("image", None)
+
+
+def test_image_that_is_too_old_waits_for_the_next() -> None:
+    poses = importlib.import_module("lerobot_robot_alicia_d_armwire.pose")
+
+    class Camera:
+        """A camera with an old image, which it has not returned before, and then another."""
+
+        images: ClassVar = ["old", "new"]
+        latest_timestamp = 0.0
+        waits = 0
+
+        def read_latest(self) -> str:
+            if self.waits < len(self.images):
+                raise TimeoutError("latest frame is too old: 800.0 ms")
+            return self.images[-1]
+
+        def async_read(self, timeout_ms: float) -> str:
+            assert 0 < timeout_ms <= 20_000
+            self.waits += 1
+            return self.images[self.waits - 1]
+
+    patience = plugin.patience.Patience(20.0)
+    assert poses.image(Camera(), patience)[0] == "new"
+    assert patience.waits == 1
 
 
 @pytest.mark.parametrize("limit", [5.0, {f"joint{joint}": 5.0 for joint in range(1, 7)}])
@@ -457,6 +475,8 @@ def test_interrupted_connect_closes_the_port(tmp_path: Path, ctrl_c: Callable[[]
         {"speed_deg_s": 4},
         {"reading_rate_hz": 0},
         {"observation_max_age_s": 0},
+        {"observation_timeout_s": -1},
+        {"observation_timeout_s": float("nan")},
         {"speed_deg_s": 500},
         {"action_timeout_s": -1},
         {"gripper_ticks_s": 99999},

@@ -16,7 +16,19 @@ from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnected
 import armwire
 
 from .config_alicia_d_armwire import AliciaDArmwireConfig
-from .pose import CALIBRATION, FEATURES, GRIPPER, JOINTS, image, lerobot_errors, observed, pose, start_reader
+from .patience import Patience
+from .pose import (
+    CALIBRATION,
+    FEATURES,
+    GRIPPER,
+    JOINTS,
+    image,
+    lerobot_errors,
+    newest_reading,
+    observed,
+    pose,
+    start_reader,
+)
 
 logger = logging.getLogger(__name__)
 
@@ -39,6 +51,7 @@ class AliciaDArmwire(Robot):
         self.cameras = make_cameras_from_configs(config.cameras)
         self._arm: armwire.Ling | None = None
         self._reader: armwire.Reader[armwire.JointState] | None = None
+        self._patience = Patience(config.observation_timeout_s)
         self._watchdog: _Watchdog | None = None
         # One motion at a time, an action or a stop.
         self._motion = threading.Condition()
@@ -60,6 +73,11 @@ class AliciaDArmwire(Robot):
     def is_connected(self) -> bool:
         """Return true if the arm and all cameras are open."""
         return self._arm is not None and all(camera.is_connected for camera in self.cameras.values())
+
+    @property
+    def waits(self) -> int:
+        """The number of waits for a pose or an image, because the newest was too old."""
+        return self._patience.waits
 
     def connect(self, calibrate: bool = True) -> None:
         """Open the port and switch the torque on: the arm holds its pose.
@@ -100,20 +118,25 @@ class AliciaDArmwire(Robot):
         self._connected().set_torque(True)
 
     def get_observation(self) -> dict[str, Any]:
-        """Return the newest pose and images, without waiting for the arm.
+        """Return the newest pose and images, without waiting for the arm unless they are too old.
 
         The pose is that at the time of the newest image, if its camera has one, and else the newest.
 
         Raises:
-            DeviceNotConnectedError: The newest pose is older than `observation_max_age_s`, or the port was lost; the
-                text has the reason.
+            TimeoutError: The newest pose is older than `observation_max_age_s`, or an image is too old for its camera,
+                and no other comes within `observation_timeout_s`.
+            DeviceNotConnectedError: The port was lost, or the arm is no Alicia-D; the text has the reason.
         """
         self._connected()
         assert self._reader is not None
-        images = {name: image(camera) for name, camera in self.cameras.items()}
-        times = (time for _, time in images.values())
+        max_age_s = self.config.observation_max_age_s
         with lerobot_errors():
-            observation: dict[str, Any] = observed(self._reader, times, self.config.observation_max_age_s)
+            if self.cameras:
+                # A wait for the pose is over before the images are taken: they are as new as the pose.
+                newest_reading(self._reader, max_age_s, self._patience)
+            images = {name: image(camera, self._patience) for name, camera in self.cameras.items()}
+            times = (time for _, time in images.values())
+            observation: dict[str, Any] = observed(self._reader, times, max_age_s, self._patience)
         return {**observation, **{name: image for name, (image, _) in images.items()}}
 
     def send_action(self, action: dict[str, Any]) -> dict[str, Any]:
@@ -169,7 +192,7 @@ class AliciaDArmwire(Robot):
                     logger.warning("the torque of %s was not switched off: %s", self, error)
         finally:
             self._close()
-        logger.info("%s disconnected.", self)
+        logger.info("%s disconnected. Observations waited %d times.", self, self.waits)
 
     def _connected(self) -> armwire.Ling:
         if self._arm is None:

@@ -24,7 +24,7 @@ class AliciaDArmwireConfig(RobotConfig, ArmConfig):
 
     One number for all joints, or by name, `joint1` to `joint6`. It costs a read for each action."""
     observation_max_age_s: float = 0.1
-    """Maximum age of an observed pose in seconds. An older one is an error."""
+    """Maximum age of an observed pose in seconds. The next one is waited for if it is older."""
     action_timeout_s: float = 0.5
     """Time without an action after which the arm stops, in seconds. 0 disables it."""
     disable_torque_on_disconnect: bool = False

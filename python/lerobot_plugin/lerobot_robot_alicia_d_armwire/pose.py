@@ -13,6 +13,8 @@ import armwire
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
+    from .patience import Patience
+
 JOINTS = tuple(f"joint{number}" for number in range(1, 7))
 GRIPPER = "gripper"
 FEATURES: dict[str, type] = {f"{name}.pos": float for name in (*JOINTS, GRIPPER)}
@@ -63,11 +65,20 @@ def start_reader(arm: armwire.Ling, rate_hz: int) -> armwire.Reader[armwire.Join
     return reader
 
 
-def image(camera: Any) -> tuple[Any, int | None]:
-    """The newest image of a camera, and its time in nanoseconds of the monotonic clock, if the camera has it."""
+def image(camera: Any, patience: Patience) -> tuple[Any, int | None]:
+    """The newest image of a camera, and its time in nanoseconds of the monotonic clock, if the camera has it.
+
+    Raises:
+        TimeoutError: The newest image is too old for the camera, and no other comes in time.
+    """
+
+    def wait(seconds: float) -> None:
+        # It returns at once after an image that it has not returned before, and that may be too old.
+        camera.async_read(timeout_ms=seconds * 1000)
+
     for _ in range(ATTEMPTS):
         before = getattr(camera, "latest_timestamp", None)
-        image = camera.read_latest()
+        image = patience.get(camera.read_latest, wait)
         after = getattr(camera, "latest_timestamp", None)
         if after is None or after == before:
             break
@@ -77,15 +88,34 @@ def image(camera: Any) -> tuple[Any, int | None]:
     return image, round(after * 1e9) + time.monotonic_ns() - time.perf_counter_ns()
 
 
+def newest_reading(
+    reader: armwire.Reader[armwire.JointState], max_age_s: float, patience: Patience
+) -> armwire.Reading[armwire.JointState]:
+    """The newest reading, which is waited for if it is too old.
+
+    Raises:
+        TimeoutError: None comes in time.
+        ArmwireError: The port was lost.
+    """
+    return patience.get(
+        lambda: reader.latest(max_age_s=max_age_s),
+        lambda seconds: reader.next_after(reader.counts().samples, timeout_s=seconds),
+    )
+
+
 def observed(
-    reader: armwire.Reader[armwire.JointState], image_times: Iterable[int | None], max_age_s: float
+    reader: armwire.Reader[armwire.JointState],
+    image_times: Iterable[int | None],
+    max_age_s: float,
+    patience: Patience,
 ) -> dict[str, float]:
     """The pose at the time of the newest image. Without an image time, or after the newest reading, the newest pose.
 
     Raises:
-        ArmwireError: The newest pose is too old, or the port was lost.
+        TimeoutError: The newest pose is too old, and no other comes in time.
+        ArmwireError: The port was lost.
     """
-    newest = reader.latest(max_age_s=max_age_s)
+    newest = newest_reading(reader, max_age_s, patience)
     at = max((time for time in image_times if time is not None), default=None)
     if at is None:
         return pose(newest.pose)

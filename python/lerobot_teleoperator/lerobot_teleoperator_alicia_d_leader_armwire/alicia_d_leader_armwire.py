@@ -8,6 +8,7 @@ from lerobot.teleoperators import Teleoperator
 from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnectedError
 
 import armwire
+from lerobot_robot_alicia_d_armwire.patience import Patience
 from lerobot_robot_alicia_d_armwire.pose import CALIBRATION, FEATURES, lerobot_errors, observed, start_reader
 
 from .config_alicia_d_leader_armwire import AliciaDLeaderArmwireConfig
@@ -26,6 +27,7 @@ class AliciaDLeaderArmwire(Teleoperator):
         self.config = config
         self._arm: armwire.Ling | None = None
         self._reader: armwire.Reader[armwire.JointState] | None = None
+        self._patience = Patience(config.observation_timeout_s)
 
     @cached_property
     def action_features(self) -> dict[str, type]:
@@ -41,6 +43,11 @@ class AliciaDLeaderArmwire(Teleoperator):
     def is_connected(self) -> bool:
         """Return true if the arm is open."""
         return self._arm is not None
+
+    @property
+    def waits(self) -> int:
+        """The number of waits for a pose, because the newest was too old."""
+        return self._patience.waits
 
     def connect(self, calibrate: bool = True) -> None:
         """Open the port. The torque stays as it is.
@@ -73,16 +80,17 @@ class AliciaDLeaderArmwire(Teleoperator):
         """Do nothing: the arm needs no configuration."""
 
     def get_action(self) -> dict[str, Any]:
-        """Return the newest pose, without waiting for the arm.
+        """Return the newest pose, without waiting for the arm unless it is too old.
 
         Raises:
-            DeviceNotConnectedError: The newest pose is older than `action_max_age_s`, or the port was lost; the text
-                has the reason.
+            TimeoutError: The newest pose is older than `action_max_age_s`, and no other comes within
+                `observation_timeout_s`.
+            DeviceNotConnectedError: The port was lost, or the arm is no Alicia-D; the text has the reason.
         """
         self._connected()
         assert self._reader is not None
         with lerobot_errors():
-            return dict(observed(self._reader, (), self.config.action_max_age_s))
+            return dict(observed(self._reader, (), self.config.action_max_age_s, self._patience))
 
     def send_feedback(self, feedback: dict[str, Any]) -> None:
         """Do nothing: the arm accepts no feedback."""
@@ -91,7 +99,7 @@ class AliciaDLeaderArmwire(Teleoperator):
         """Close the port."""
         self._connected()
         self._close()
-        logger.info("%s disconnected.", self)
+        logger.info("%s disconnected. Actions waited %d times.", self, self.waits)
 
     def _close(self) -> None:
         for opened in (self._reader, self._arm):

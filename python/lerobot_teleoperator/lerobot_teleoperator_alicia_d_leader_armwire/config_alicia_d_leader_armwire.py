@@ -13,7 +13,7 @@ class AliciaDLeaderArmwireConfig(TeleoperatorConfig, ArmConfig):
     """A leader arm, moved by hand."""
 
     action_max_age_s: float = 0.1
-    """Maximum age of an action's pose in seconds. An older one is an error."""
+    """Maximum age of an action's pose in seconds. The next one is waited for if it is older."""
 
     def __post_init__(self) -> None:
         """Reject values out of range."""

@@ -1,0 +1,60 @@
+"""The patience of an observation: a hiccup of the computer is no loss of the arm."""
+
+from __future__ import annotations
+
+import logging
+import time
+from typing import TYPE_CHECKING, TypeVar
+
+import armwire
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+logger = logging.getLogger(__name__)
+
+T = TypeVar("T")
+
+
+class Patience:
+    """The waits for poses and images that are too old, each as long as the time-out at most.
+
+    A busy computer keeps the arm, the camera or this program from its work for tenths of a second, and what is newest
+    is old then. The next one comes soon.
+
+    Args:
+        timeout_s: Maximum duration of a wait in seconds.
+    """
+
+    def __init__(self, timeout_s: float) -> None:
+        self._timeout_s = timeout_s
+        self.waits = 0
+        """The number of waits."""
+
+    def get(self, newest: Callable[[], T], wait: Callable[[float], object]) -> T:
+        """Return the newest, after waits for the next ones while it is too old.
+
+        Args:
+            newest: Returns the newest, or raises a `NoPoseError` or a `TimeoutError` if it is too old.
+            wait: Waits for the next one, for this time in seconds at most.
+
+        Raises:
+            TimeoutError: It is still too old after the time-out.
+        """
+        until = None
+        while True:
+            try:
+                return newest()
+            except (armwire.errors.NoPoseError, TimeoutError) as error:
+                now = time.monotonic()
+                if until is None:
+                    until = now + self._timeout_s
+                    self._count(error)
+                elif now >= until:
+                    raise TimeoutError(f"{error}, after a wait of {self._timeout_s:g} s") from error
+                wait(until - now)
+
+    def _count(self, error: Exception) -> None:
+        self.waits += 1
+        if self.waits == 1:
+            logger.warning("%s: the program waits for the next one. Later waits are only counted.", error)
