@@ -11,10 +11,11 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from multiprocessing.connection import Connection
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from test_lerobot import errors, follower, leader, wait_until
+from test_lerobot import errors, follower, leader, plugin, wait_until
 
 from armwire import sim
 
@@ -143,6 +144,38 @@ def test_stopped_arm_is_observed_when_it_goes_on(tmp_path: Path) -> None:
     logging.getLogger().removeHandler(warned)
     assert robot.waits >= 2
     assert len(warned.texts) == 1
+
+
+class Old:
+    """What is too old for a number of waits, each of which takes longer by a hiccup. Its clock is virtual."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, waits: int, hiccup_s: float) -> None:
+        self.waits, self.hiccup_s = waits, hiccup_s
+        self.now = 0.0
+        monkeypatch.setattr(plugin.patience, "time", SimpleNamespace(monotonic=lambda: self.now))
+
+    def newest(self) -> str:
+        if self.waits > 0:
+            raise TimeoutError("too old")
+        return "new"
+
+    def wait(self, seconds: float) -> None:
+        self.waits -= 1
+        self.now += seconds + self.hiccup_s
+
+
+def test_wait_without_a_hiccup_ends_in_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    old = Old(monkeypatch, waits=1000, hiccup_s=0)
+    with pytest.raises(TimeoutError, match=r"too old, after a wait of 1 s"):
+        plugin.patience.Patience(1.0).get(old.newest, old.wait)
+    assert old.now == pytest.approx(1.0)
+
+
+def test_hiccup_in_a_wait_does_not_end_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    old = Old(monkeypatch, waits=3, hiccup_s=5)
+    patience = plugin.patience.Patience(1.0)
+    assert patience.get(old.newest, old.wait) == "new"
+    assert patience.waits == 1
 
 
 def observe_always(observe: Callable[[], object]) -> None:

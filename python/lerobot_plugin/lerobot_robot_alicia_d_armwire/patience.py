@@ -15,6 +15,10 @@ logger = logging.getLogger(__name__)
 
 T = TypeVar("T")
 
+# Maximum duration of a part of a wait, in seconds. What a part takes longer is a hiccup of this program, which does not
+# count: the program has not waited in that time.
+PART_S = 0.05
+
 
 class Patience:
     """The waits for poses and images that are too old, each as long as the time-out at most.
@@ -41,18 +45,20 @@ class Patience:
         Raises:
             TimeoutError: It is still too old after the time-out.
         """
-        until = None
+        left_s = self._timeout_s
+        try:
+            return newest()
+        except (armwire.errors.NoPoseError, TimeoutError) as error:
+            self._count(error)
         while True:
+            part_s, begun = min(left_s, PART_S), time.monotonic()
+            wait(part_s)
+            left_s -= min(time.monotonic() - begun, part_s)
             try:
                 return newest()
             except (armwire.errors.NoPoseError, TimeoutError) as error:
-                now = time.monotonic()
-                if until is None:
-                    until = now + self._timeout_s
-                    self._count(error)
-                elif now >= until:
+                if left_s <= 0:
                     raise TimeoutError(f"{error}, after a wait of {self._timeout_s:g} s") from error
-                wait(until - now)
 
     def _count(self, error: Exception) -> None:
         self.waits += 1

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any
 
 from lerobot.utils.errors import DeviceNotConnectedError
@@ -73,8 +73,9 @@ def image(camera: Any, patience: Patience) -> tuple[Any, int | None]:
     """
 
     def wait(seconds: float) -> None:
-        # It returns at once after an image that it has not returned before, and that may be too old.
-        camera.async_read(timeout_ms=seconds * 1000)
+        # It returns an image that it has not returned before at once, even if that is too old.
+        with suppress(TimeoutError):
+            camera.async_read(timeout_ms=seconds * 1000)
 
     for _ in range(ATTEMPTS):
         before = getattr(camera, "latest_timestamp", None)
