@@ -1,17 +1,22 @@
 """Teleoperates and records with LeRobot's own programs on virtual arms with a moving leader, and checks the results.
 
+It records a second time while LeRobot's process is stopped again and again, with all cores busy.
+
 Usage: record.py FOLDER
 
 FOLDER receives the data set. LeRobot, armwire and the plugin must be installed: `cargo xtask lerobot` does this.
 """
 
 import math
+import os
+import random
 import shutil
+import signal
 import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -33,6 +38,11 @@ PERCENTILE = 95
 MAX_REST_DEG = 0.2
 # Tolerance of a recorded pose: half a tick, plus the curvature of the motion between two samples.
 RECORDED_DEG = 0.5
+# Stops of LeRobot's process, and the times between them, in seconds. The seed makes them the same in each run.
+STOPPED_S, BETWEEN_S, SEED = (0.05, 0.8), (0.2, 1.0), 5
+EPISODES = 2
+# Minimum number of frames of each: a stopped program has few.
+FRAMES = 10
 ROBOT = ["--robot.type=alicia_d_armwire", "--robot.id=follower", "--robot.speed_deg_s=200"]
 TELEOP = ["--teleop.type=alicia_d_leader_armwire", "--teleop.id=leader"]
 
@@ -81,11 +91,42 @@ def arms() -> Iterator[tuple[Hand, list[str]]]:
             hand.ended = True
 
 
-def run(program: str, *arguments: str) -> None:
-    """Run a program of LeRobot from the environment of this Python."""
-    command = [str(Path(sys.executable).parent / program), *arguments]
+def command(program: str, *arguments: str) -> list[str]:
+    """Print and return a command of LeRobot from the environment of this Python."""
     print("$", program, *arguments, flush=True)
-    subprocess.run(command, check=True, timeout=300)
+    return [str(Path(sys.executable).parent / program), *arguments]
+
+
+def run(program: str, *arguments: str) -> None:
+    """Run a program of LeRobot."""
+    subprocess.run(command(program, *arguments), check=True, timeout=300)
+
+
+def run_with_hiccups(begun: Callable[[], bool], program: str, *arguments: str) -> int:
+    """Run a program of LeRobot on busy cores, and stop and continue it again and again from `begun` on.
+
+    Returns:
+        The number of stops.
+    """
+    chance = random.Random(SEED)
+    stops = 0
+    busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(os.cpu_count() or 1)]
+    try:
+        with subprocess.Popen(command(program, *arguments)) as process:
+            while process.poll() is None:
+                time.sleep(chance.uniform(*BETWEEN_S))
+                if begun():
+                    process.send_signal(signal.SIGSTOP)
+                    time.sleep(chance.uniform(*STOPPED_S))
+                    process.send_signal(signal.SIGCONT)
+                    stops += 1
+    finally:
+        for load in busy:
+            load.kill()
+            load.wait()
+    if process.returncode != 0:
+        raise subprocess.CalledProcessError(process.returncode, program)
+    return stops
 
 
 def expect(what: str, holds: bool | np.bool) -> None:
@@ -139,28 +180,32 @@ def follows(hand: Hand) -> bool:
     return bool(np.abs(hand.follower.joints().joints_deg).max() > 1)
 
 
+def recording(root: Path, episodes: int) -> list[str]:
+    """Return the command that records episodes into this folder, without its arms. A data set there is removed."""
+    if root.exists():
+        shutil.rmtree(root)
+    return [
+        "lerobot-record",
+        "--dataset.repo_id=armwire/wave",
+        f"--dataset.root={root}",
+        f"--dataset.fps={FPS}",
+        f"--dataset.num_episodes={episodes}",
+        "--dataset.episode_time_s=5",
+        "--dataset.reset_time_s=0",
+        "--dataset.single_task=wave",
+        "--dataset.video=false",
+        "--dataset.push_to_hub=false",
+        "--play_sounds=false",
+    ]
+
+
 def record(folder: Path) -> None:
     """Record one episode and read it back."""
     from lerobot.datasets import LeRobotDataset
 
     root = folder / "armwire_wave"
-    if root.exists():
-        shutil.rmtree(root)
     with arms() as (hand, ports):
-        run(
-            "lerobot-record",
-            *ports,
-            "--dataset.repo_id=armwire/wave",
-            f"--dataset.root={root}",
-            f"--dataset.fps={FPS}",
-            "--dataset.num_episodes=1",
-            "--dataset.episode_time_s=5",
-            "--dataset.reset_time_s=0",
-            "--dataset.single_task=wave",
-            "--dataset.video=false",
-            "--dataset.push_to_hub=false",
-            "--play_sounds=false",
-        )
+        run(*recording(root, 1), *ports)
         _, leader, follower = hand.end()
     dataset = LeRobotDataset("armwire/wave", root=root)
     names = [*(f"joint{joint}.pos" for joint in range(1, 7)), "gripper.pos"]
@@ -187,10 +232,26 @@ def record(folder: Path) -> None:
     expect(f"states against actions: percentile {PERCENTILE} {error:.2f}°, limit {limit:.1f}°", error <= limit)
 
 
+def record_with_hiccups(folder: Path) -> None:
+    """Record episodes while LeRobot is stopped again and again, and read them back."""
+    from lerobot.datasets import LeRobotDataset
+
+    root = folder / "armwire_hiccups"
+    with arms() as (hand, ports):
+        stops = run_with_hiccups(lambda: follows(hand), *recording(root, EPISODES), *ports)
+        hand.end()
+    dataset = LeRobotDataset("armwire/wave", root=root)
+    expect(
+        f"{dataset.num_episodes} episodes of {dataset.num_frames} frames are read back, after {stops} stops",
+        dataset.num_episodes == EPISODES and dataset.num_frames >= EPISODES * FRAMES and stops > EPISODES,
+    )
+
+
 def main(folder: str) -> None:
     """Run all checks."""
     teleoperate()
     record(Path(folder))
+    record_with_hiccups(Path(folder))
 
 
 if __name__ == "__main__":
