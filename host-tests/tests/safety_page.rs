@@ -4,7 +4,7 @@ use std::fs;
 use std::path::Path;
 
 /// The files of these tests.
-const TESTS: [&str; 52] = [
+const TESTS: [&str; 53] = [
     "bridge/src/tests/control.rs",
     "bridge/src/tests/delayed.rs",
     "bridge/src/tests/line_rate.rs",
@@ -55,6 +55,7 @@ const TESTS: [&str; 52] = [
     "python/tests/test_stop.py",
     "ros2/src/joint_states.rs",
     "ros2/src/motion.rs",
+    "ros2/src/silence.rs",
     "ros2/src/source.rs",
     "web/engine/src/session/tests.rs",
 ];

@@ -20,6 +20,7 @@ use crate::motion::{Abort, Motion, Output};
 use crate::node::Endpoints;
 use crate::options::Arm;
 use crate::services::{Pending, refused};
+use crate::silence::Silence;
 use crate::source::{Input, Requests, Source};
 use crate::trajectory::{Joint, Refusal};
 
@@ -187,9 +188,9 @@ impl<'a, 'b> Session<'a, 'b> {
     }
 
     fn serve(&mut self, stop: &AtomicBool) -> Result<(), Failure> {
-        let mut received = self.clock.now();
+        let mut silence = Silence::new(self.clock.now());
         let period = time::Duration::from_micros(self.period.as_micros() as u64);
-        let silence = SilenceLimit::REOPEN.at(period);
+        let limit = SilenceLimit::REOPEN.at(period);
         while !stop.load(Ordering::Relaxed) {
             let mut is_received = false;
             for input in self.source.receive(self.clock.now(), &mut self.stream)? {
@@ -201,10 +202,8 @@ impl<'a, 'b> Session<'a, 'b> {
                     Input::Event(event) => self.take_event(&event),
                 }
             }
-            if is_received {
-                received = self.clock.now();
-            } else if self.clock.now().since(received) >= silence {
-                let millis = silence.as_micros() / 1_000;
+            if silence.after_step(self.clock.now(), is_received) >= limit {
+                let millis = limit.as_micros() / 1_000;
                 return Err(Failure::Arm(format!("no joints were received for {millis} ms")));
             }
             self.take_trajectories();

@@ -32,6 +32,7 @@ mod node;
 mod numbers;
 mod options;
 mod services;
+mod silence;
 mod source;
 mod tolerances;
 mod trajectory;

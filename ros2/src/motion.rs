@@ -64,6 +64,9 @@ pub(crate) enum Abort {
     Stopped(Option<StopInForce>),
     #[error("the arm was lost: {0}")]
     ArmLost(String),
+    /// The arm cannot follow. It may be there: a silence may be a hiccup of the computer.
+    #[error(transparent)]
+    Fault(Fault),
     #[error("the node ended")]
     NodeEnded,
     /// The trajectory waited for its time. It does not fit the arm's pose then.
@@ -282,7 +285,7 @@ impl Motion {
             host::End::Fault(Fault::Immovable(reason)) => return self.abort(&reason.into()),
             host::End::Fault(Fault::TrackingError(error)) => (error, true),
             host::End::Away(deviation) => (deviation, false),
-            host::End::Fault(fault) => return self.end_playing(End::Aborted(Abort::ArmLost(fault.to_string()))),
+            host::End::Fault(fault) => return self.end_playing(End::Aborted(Abort::Fault(fault))),
         };
         let joint = self.joints[off.axis].name.clone();
         let [distance, allowed] = [off.distance, off.allowed].map(|units| units * self.units.of(off.axis));
@@ -872,8 +875,9 @@ mod tests {
             bench.now += 5;
             bench.poll();
         }
-        let lost = Abort::ArmLost("no reading of the joints for 0.26 s".to_owned());
-        assert_eq!(bench.ends(), [(455, goal, End::Aborted(lost))]);
+        let silent = Abort::Fault(Fault::Silent(Duration::from_millis(255)));
+        assert_eq!(silent.to_string(), "no reading of the joints for 0.26 s");
+        assert_eq!(bench.ends(), [(455, goal, End::Aborted(silent))]);
         assert!(bench.moves.iter().all(|(at, _)| *at < 455), "{:?}", bench.moves);
     }
 
