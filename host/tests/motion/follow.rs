@@ -243,6 +243,22 @@ fn returning_leader_is_followed_once_it_is_near() {
 }
 
 #[test]
+fn hiccup_of_the_computer_does_not_end_it() {
+    let mut pair = Pair::new(Start::Approach, Rates::NONE);
+    pair.run_until(1_000).unwrap();
+    for (pose, millis) in [(2_060, 50), (2_080, 160), (2_060, 400), (2_080, 800)] {
+        // The hand goes on while the program is stopped.
+        pair.push(pose.into());
+        pair.now += Duration::from_millis(millis);
+        let until = pair.now.as_micros() / 1_000 + 1_000;
+        pair.run_until(until).unwrap();
+        assert_eq!(pair.follow.progress(), Progress::Following);
+        assert_eq!(pair.follower(), [pose; JOINTS]);
+    }
+    assert_eq!(pair.pauses.len(), 3, "{:?}", pair.pauses);
+}
+
+#[test]
 fn follower_without_torque_ends_it() {
     let mut pair = Pair::new(Start::Approach, Rates::NONE);
     pair.run_until(1_000).unwrap();
