@@ -82,8 +82,8 @@ class Hand:
 
 @contextmanager
 def arms() -> Iterator[tuple[Hand, list[str]]]:
-    """Start a moving leader and a follower, and yield them with their arguments for LeRobot."""
-    with sim.ling(leader=True) as leader, sim.ling() as follower:
+    """Start a moving leader and a follower, without weight, and yield them with their arguments for LeRobot."""
+    with sim.ling(leader=True, plant="ideal") as leader, sim.ling(plant="ideal") as follower:
         hand = Hand(leader, follower)
         try:
             yield hand, [*ROBOT, f"--robot.port={follower.port}", *TELEOP, f"--teleop.port={leader.port}"]
