@@ -14,8 +14,9 @@ pub(crate) use armwire_host::adapter::{describe, histogram_json, histograms, ide
 /// The port of an adapter.
 #[derive(Args, Debug, PartialEq, Eq)]
 pub(crate) struct AdapterPort {
-    /// Port of the adapter: a serial port (/dev/ttyACM0, COM3), can:IFACE/NODE (SocketCAN), slcan:PORT@BITRATE/NODE (SLCAN
-    /// adapter), or control:PATH (control port of a virtual board).
+    /// Port of the adapter: a serial port (/dev/ttyACM0, COM3, or usb:SERIAL by its USB serial number), usb:SERIAL/control (its
+    /// control port alone), can:IFACE/NODE (SocketCAN), slcan:PORT@BITRATE/NODE (SLCAN adapter), or control:PATH (control
+    /// port of a virtual board).
     port: Port,
 }
 

@@ -1,9 +1,8 @@
 //! Arguments that several commands have: where an arm is, and which it is.
 
 use std::num::NonZeroU32;
-use std::path::Path;
 
-use armwire_host::{Adapter, Connection, Options, Port, TcpAddress};
+use armwire_host::{Adapter, Connection, Options, Port, TcpAddress, has_serial_port};
 use clap::{Args, ValueEnum};
 
 use crate::adapter;
@@ -13,16 +12,17 @@ use crate::output::print_error;
 /// The port and the kind of an arm.
 #[derive(Args)]
 pub(crate) struct Place {
-    /// Port of the arm: a serial port (/dev/ttyACM0, COM3), tcp:HOST:PORT (serial port server), can:IFACE/NODE (SocketCAN),
-    /// slcan:PORT@BITRATE/NODE (SLCAN adapter), or hid: (Alpha1; hid:VID:PID or hid:NAME selects one of several). For
-    /// xarm: HOST or HOST:PORT.
+    /// Port of the arm: a serial port (/dev/ttyACM0, COM3, or usb:SERIAL by its USB serial number), tcp:HOST:PORT (serial
+    /// port server), can:IFACE/NODE (SocketCAN), slcan:PORT@BITRATE/NODE (SLCAN adapter), or hid: (Alpha1; hid:VID:PID or
+    /// hid:NAME selects one of several). For xarm: HOST or HOST:PORT.
     pub(crate) port: String,
     /// Kind of arm.
     #[arg(long, value_enum, default_value_t)]
     pub(crate) arm: LiveArm,
     #[command(flatten)]
     pub(crate) baud: Baud,
-    /// Control port of the adapter, if it is not found by the arm's port: control:PATH or PATH. A virtual board needs it.
+    /// Control port of the adapter, if it is not found by the arm's port: usb:SERIAL/control, or control:PATH or
+    /// PATH. A virtual board needs it.
     #[arg(long, value_name = "PORT", value_parser = Port::of_control)]
     pub(crate) control: Option<Port>,
 }
@@ -45,7 +45,7 @@ impl Place {
     /// The host that an xArm is on.
     pub(crate) fn host(&self) -> Result<TcpAddress, Error> {
         let refused = |option| Err(Error::Usage(format!("{option} does not apply to an xarm")));
-        let is_port = !matches!(self.port.parse(), Ok(Port::Serial(_))) || Path::new(&self.port).exists();
+        let is_port = !matches!(self.port.parse(), Ok(Port::Serial(_))) || has_serial_port(&self.port);
         match (self.baud.baud, &self.control) {
             (None, None) if is_port => Err(Error::Usage(format!(
                 "an xarm is on a host, such as 192.168.1.10, and not on {}: is it another arm (--arm ling or alpha1)?",
@@ -61,8 +61,8 @@ impl Place {
 /// The port of an arm.
 #[derive(Args)]
 pub(crate) struct ArmPort {
-    /// Port of the arm: a serial port (/dev/ttyACM0, COM3), tcp:HOST:PORT (serial port server), can:IFACE/NODE
-    /// (SocketCAN), or slcan:PORT@BITRATE/NODE (SLCAN adapter).
+    /// Port of the arm: a serial port (/dev/ttyACM0, COM3, or usb:SERIAL by its USB serial number), tcp:HOST:PORT (serial
+    /// port server), can:IFACE/NODE (SocketCAN), or slcan:PORT@BITRATE/NODE (SLCAN adapter).
     port: Port,
     #[command(flatten)]
     baud: Baud,

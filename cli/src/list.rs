@@ -32,10 +32,13 @@ impl List {
             let is_adapter = there.adapter.is_some();
             // On a bus, the node of an adapter is unknown.
             let is_asked = self.ask && !matches!(there.port, Port::Can { .. });
-            self.show(&mut found, on_port(&there.port.to_string(), is_adapter, is_asked))?;
+            self.show(
+                &mut found,
+                on_port(&there.port.to_string(), there.usb.as_ref(), is_adapter, is_asked),
+            )?;
         }
         for port in &self.ports {
-            self.show(&mut found, on_port(port, false, true))?;
+            self.show(&mut found, on_port(port, None, false, true))?;
         }
         match found.as_slice() {
             found if self.json => print_json(&Value::from(found)),
@@ -58,9 +61,10 @@ impl List {
     }
 }
 
-/// The description of a serial port, or of the arm on another port.
-fn on_port(name: &str, is_adapter: bool, is_asked: bool) -> Vec<Fact> {
+/// The description of a serial port, or of the arm on another port. `usb` is its name by its USB serial number.
+fn on_port(name: &str, usb: Option<&Port>, is_adapter: bool, is_asked: bool) -> Vec<Fact> {
     let mut facts = vec![Fact::words("port", name)];
+    facts.extend(usb.map(|usb| Fact::words("name", usb)));
     if !is_adapter && !is_asked {
         return facts;
     }

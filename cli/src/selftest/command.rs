@@ -1,10 +1,9 @@
 //! `armwire selftest PORT` on the command line.
 
-use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use armwire_host::control::usb_serial_number;
-use armwire_host::{Error as Host, Port};
+use armwire_host::{Error as Host, Port, has_serial_port};
 use clap::Args;
 use serde_json::{Value, json};
 
@@ -21,7 +20,7 @@ const DANGER: &str = "Disconnect the arm, and join TX and RX with a jumper. The 
 /// The arguments of `armwire selftest`.
 #[derive(Args)]
 pub(crate) struct Selftest {
-    /// The adapter's serial port, such as /dev/ttyACM0. No program may have it open.
+    /// The adapter's serial port, such as /dev/ttyACM0 or usb:SERIAL. No program may have it open.
     port: String,
     /// Run only these of the checks that need the jumper, separated by commas.
     #[arg(long, value_name = "CHECKS", value_delimiter = ',', value_parser = names())]
@@ -60,7 +59,7 @@ impl Selftest {
 
     /// The checks, and the result of printing each as it ended.
     fn check(&self, plan: &Plan, stop: &AtomicBool) -> Result<(Vec<Check>, Result<(), Error>), Error> {
-        if !Path::new(&self.port).exists() {
+        if !has_serial_port(&self.port) {
             return Err(Port::not_found(&self.port).into());
         }
         let serial = usb_serial_number(&self.port)?;

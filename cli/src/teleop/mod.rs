@@ -34,7 +34,8 @@ const SLICE: Duration = Duration::from_millis(2);
 /// The arguments of `armwire teleop`.
 #[derive(Args)]
 pub(crate) struct Teleop {
-    /// Port of the leader: a serial port (/dev/ttyACM0, COM3), tcp:HOST:PORT, can:IFACE/NODE, or slcan:PORT@BITRATE/NODE.
+    /// Port of the leader: a serial port (/dev/ttyACM0, COM3, usb:SERIAL), tcp:HOST:PORT, can:IFACE/NODE, or
+    /// slcan:PORT@BITRATE/NODE.
     leader: Port,
     /// Port of the follower.
     follower: Port,

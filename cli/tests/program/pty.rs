@@ -245,6 +245,27 @@ fn file_is_not_a_serial_port() {
 }
 
 #[test]
+fn usb_serial_number_is_looked_up_among_ports() {
+    for port in ["usb:no-such-number", "slcan:usb:no-such-number"] {
+        let line = failure(&run(&["info", port]));
+        assert!(
+            line.starts_with("usb:no-such-number: no port has this USB serial number"),
+            "{line}"
+        );
+    }
+    let line = failure(&run(&["counters", "usb:no-such-number"]));
+    assert!(
+        line.starts_with("usb:no-such-number: no port has this USB serial number"),
+        "{line}"
+    );
+    let line = usage(&["torque", "usb:no-such-number/control", "on"]);
+    assert!(
+        line.contains("usb:no-such-number/control is a control port: there is no arm on it"),
+        "{line}"
+    );
+}
+
+#[test]
 fn port_of_another_program_is_busy() {
     let arm = Arm::start("ling", "busy", &[]);
     let mut info = None;

@@ -15,3 +15,4 @@ pub mod settings;
 pub(crate) mod system;
 pub(crate) mod tap;
 pub(crate) mod tcp;
+mod usb_name;

@@ -1,7 +1,6 @@
 //! The port of an arm or an adapter: its text, and the connection to it.
 
 use std::fmt;
-use std::io::ErrorKind;
 use std::num::NonZeroU32;
 use std::path::Path;
 use std::str::FromStr;
@@ -24,6 +23,7 @@ use crate::ports::line_reservation;
 use crate::ports::link::Link;
 use crate::ports::serial::{self, Serial};
 use crate::ports::tcp::{Tcp, TcpAddress};
+use crate::ports::usb_name;
 
 /// Maximum delay that a server adds to an answer, and the stale window behind it.
 const TCP: Config = Config::TCP;
@@ -68,7 +68,8 @@ impl Options {
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Port {
-    /// A serial port of the system, such as `/dev/ttyACM0` or `COM3`, or a pty.
+    /// A serial port of the system: its path, such as `/dev/ttyACM0` or `COM3`, or that of a pty. Or `usb:SERIAL`: the
+    /// only one whose USB device has this serial number, looked up at each opening.
     Serial(String),
     /// `tcp:HOST:PORT`: a server of a serial port.
     Tcp(TcpAddress),
@@ -92,6 +93,8 @@ pub enum Port {
     Hid(Selector),
     /// `control:PORT`: only the control port, on a port of its own, as the virtual board has it.
     Control(String),
+    /// `usb:SERIAL/control`: only the control port of the adapter on USB with this serial number.
+    UsbControl(String),
 }
 
 /// [`Error::Port`] if the text names no port.
@@ -135,6 +138,10 @@ fn parse(text: &str) -> Result<Port, String> {
             Port::Slcan { port, bit_rate, node }
         }
         "hid" => Port::Hid(Selector::parse(rest)),
+        "usb" => match rest.strip_suffix(usb_name::CONTROL) {
+            Some(serial) => Port::UsbControl(non_empty(serial, text)?),
+            None => Port::Serial(usb_name::name_of(&non_empty(rest, text)?)),
+        },
         "control" => Port::Control(non_empty(rest, text)?),
         // A path may contain colons, for example under /dev/serial/by-path.
         _ => Port::Serial(text.to_owned()),
@@ -178,6 +185,7 @@ impl fmt::Display for Port {
             Self::Tcp(host) => return write!(f, "tcp:{host}"),
             Self::Hid(selector) => return write!(f, "hid:{selector}"),
             Self::Control(port) => return write!(f, "control:{port}"),
+            Self::UsbControl(serial) => return write!(f, "{}{}", usb_name::name_of(serial), usb_name::CONTROL),
             Self::Can { interface, node } => {
                 write!(f, "can:{interface}")?;
                 node
@@ -197,17 +205,20 @@ impl fmt::Display for Port {
 impl Port {
     /// The error of a serial port that this computer does not have.
     pub fn not_found(name: &str) -> Error {
-        serial::not_opened(name, &ErrorKind::NotFound.into())
+        serial::not_found(name)
     }
 
-    /// Parses the text of a control port: a path alone is the path of a control port.
+    /// Parses the text of a control port: a path alone is the path of a control port, and `usb:SERIAL` the adapter's.
     ///
     /// # Errors
     ///
     /// [`Error::Port`] if the text names no port.
     pub fn of_control(text: &str) -> Result<Self, Error> {
         Ok(match text.parse()? {
-            Self::Serial(port) => Self::Control(port),
+            Self::Serial(port) => match usb_name::serial_in(&port) {
+                Some(serial) => Self::UsbControl(serial.to_owned()),
+                None => Self::Control(port),
+            },
             other => other,
         })
     }
@@ -226,7 +237,7 @@ impl Port {
             });
         }
         let bus = match self {
-            Self::Serial(_) | Self::Tcp(_) | Self::Hid(_) | Self::Control(_) => None,
+            Self::Serial(_) | Self::Tcp(_) | Self::Hid(_) | Self::Control(_) | Self::UsbControl(_) => None,
             Self::Can { interface, node } => Some(can::open_interface(self.to_string(), interface, *node)?),
             Self::Slcan { port, bit_rate, .. } => {
                 let serial = Serial::open(port, baud.map_or(SLCAN_BAUD, NonZeroU32::get))?;
@@ -267,7 +278,7 @@ impl fmt::Debug for Connection {
 impl Connection {
     /// Returns true for a control port without an arm.
     pub fn is_control(&self) -> bool {
-        matches!(self.port, Port::Control(_))
+        matches!(self.port, Port::Control(_) | Port::UsbControl(_))
     }
 
     /// Returns true for a HID device. Only an Alpha1 is one.
@@ -323,7 +334,7 @@ impl Connection {
                 let latency = usual.latency + CAN_LATENCY;
                 (Box::new(line), Config { latency, ..usual })
             }
-            Port::Control(_) => {
+            Port::Control(_) | Port::UsbControl(_) => {
                 let text = format!("{} is a control port: there is no arm on it", self.port);
                 return Err(Error::Port(text.into()));
             }
@@ -347,6 +358,10 @@ impl Connection {
         }
         match &self.port {
             Port::Serial(port) => Ok(Adapter::on_line(Box::new(UsbLine::open(port)?))),
+            Port::UsbControl(serial) => Ok(Adapter::on_line(Box::new(UsbLine::open_by_serial(
+                self.port.to_string(),
+                serial,
+            )?))),
             Port::Control(port) => Ok(Adapter::on_line(Box::new(Serial::open(port, CONTROL_BAUD)?))),
             Port::Can { node, .. } | Port::Slcan { node, .. } => {
                 let line = self.on_can(*node, Function::ControlRequest, Function::ControlAnswer)?;
@@ -425,6 +440,9 @@ mod tests {
             ("slcan:COM3/15", "slcan:COM3@1000000/15"),
             ("slcan:COM3@250000", "slcan:COM3@250000"),
             ("control:/tmp/control", "control:/tmp/control"),
+            ("usb:A50285BI", "usb:A50285BI"),
+            ("usb:35FFD8/control", "usb:35FFD8/control"),
+            ("slcan:usb:A50285BI@500000/2", "slcan:usb:A50285BI@500000/2"),
             ("hid:", "hid:"),
             ("hid:0483:5750", "hid:0483:5750"),
             ("hid:046D:C52B", "hid:046d:c52b"),
@@ -442,6 +460,9 @@ mod tests {
         let control = Port::Control("/tmp/control".to_owned());
         assert_eq!(of_control("/tmp/control"), control);
         assert_eq!(of_control("control:/tmp/control"), control);
+        let on_usb = Port::UsbControl("35FFD8".to_owned());
+        assert_eq!(of_control("usb:35FFD8"), on_usb);
+        assert_eq!(of_control("usb:35FFD8/control"), on_usb);
         assert_eq!(of_control("can:can0/3"), "can:can0/3".parse().unwrap());
     }
 
@@ -465,6 +486,8 @@ mod tests {
             ("can:can0/x", "'x' after the last slash is not a node id, 0 to 15"),
             ("", "'': the port's name is missing"),
             ("can:", "'can:': the port's name is missing"),
+            ("usb:", "'usb:': the port's name is missing"),
+            ("usb:/control", "'usb:/control': the port's name is missing"),
             ("can:/3", "'can:/3': the port's name is missing"),
             ("slcan:@500000", "'slcan:@500000': the port's name is missing"),
             ("slcan:COM3/16", "node id is 16, must be 0..=15"),

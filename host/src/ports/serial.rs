@@ -30,6 +30,7 @@ const WRITE_TIMEOUT: Duration = Duration::from_millis(500);
 
 /// An open port.
 pub(crate) struct Serial {
+    /// Its path, or `usb:SERIAL`.
     name: String,
     port: SerialPort,
     baud: u32,
@@ -98,9 +99,10 @@ impl Line for Serial {
 }
 
 impl Serial {
-    /// Opens a port.
+    /// Opens a port, by its path or as `usb:SERIAL`.
     pub(crate) fn open(name: &str, baud: u32) -> Result<Self, Error> {
-        let port = open(name, baud).map_err(|error| not_opened(name, &error))?;
+        let path = system::serial_path(name).map_err(|reason| Error::at(name, reason))?;
+        let port = open(&path, baud).map_err(|error| not_opened(name, &path, &error))?;
         let name = name.to_owned();
         Ok(Self { name, port, baud })
     }
@@ -123,10 +125,10 @@ impl Drop for Serial {
     }
 }
 
-/// Opens a port for us alone, with nothing in it to read.
-fn open(name: &str, baud: u32) -> io::Result<SerialPort> {
+/// Opens the port at this path for us alone, with nothing in it to read.
+fn open(path: &str, baud: u32) -> io::Result<SerialPort> {
     // The settings of a port that another program uses are not ours to change.
-    let mut port = SerialPort::open(name, KeepSettings)?;
+    let mut port = SerialPort::open(path, KeepSettings)?;
     #[cfg(unix)]
     flock(&port, FlockOperation::NonBlockingLockExclusive)?;
     let mut settings = port.get_configuration()?;
@@ -153,23 +155,31 @@ fn receive_all(settings: &mut Settings) {
     termios.c_iflag &= !InputModes::IGNBRK.bits();
 }
 
-/// The error of a port that cannot be opened.
-pub(crate) fn not_opened(port: &str, error: &io::Error) -> Error {
+/// The error of a port that this computer does not have.
+pub(crate) fn not_found(name: &str) -> Error {
+    match system::serial_path(name) {
+        Ok(path) => not_opened(name, &path, &ErrorKind::NotFound.into()),
+        Err(reason) => Error::at(name, reason),
+    }
+}
+
+/// The error of a port that cannot be opened at its path.
+fn not_opened(name: &str, path: &str, error: &io::Error) -> Error {
     let reason = match error.kind() {
         // Another program has locked the port, or keeps all others from opening it.
         ErrorKind::WouldBlock | ErrorKind::ResourceBusy if cfg!(unix) => {
-            let user = match port_user::find(port) {
+            let user = match port_user::find(path) {
                 Some(program) => format!("another program, {program}"),
-                None => format!("another program ('fuser -v {port}' names it)"),
+                None => format!("another program ('fuser -v {path}' names it)"),
             };
             return Error::InUse {
-                name: port.into(),
+                name: name.into(),
                 user: user.into(),
             };
         }
-        ErrorKind::NotFound if is_host(port) => {
+        ErrorKind::NotFound if is_host(name) => {
             return Error::At {
-                name: port.into(),
+                name: name.into(),
                 reason: Text::from("no such port: is it a host, an xarm's")
                     .remedy(Remedy::OpenAs(Protocol::Xarm))
                     .and(" or a server's of a serial port (tcp:HOST:PORT)?"),
@@ -184,7 +194,7 @@ pub(crate) fn not_opened(port: &str, error: &io::Error) -> Error {
             }
         }
         #[cfg(unix)]
-        ErrorKind::PermissionDenied => match group(port) {
+        ErrorKind::PermissionDenied => match group(path) {
             Some(group) => format!(
                 "permission denied: add yourself to the group '{group}' ('sudo usermod -aG {group} $USER') and log in again"
             ),
@@ -196,7 +206,7 @@ pub(crate) fn not_opened(port: &str, error: &io::Error) -> Error {
         // The error of Windows for a port that is already open.
         #[cfg(not(unix))]
         ErrorKind::PermissionDenied => {
-            let (name, user) = (port.to_owned(), "another program".to_owned());
+            let user = "another program".to_owned();
             return Error::InUse {
                 name: name.into(),
                 user: user.into(),
@@ -206,7 +216,7 @@ pub(crate) fn not_opened(port: &str, error: &io::Error) -> Error {
         _ if Errno::from_io_error(error) == Some(Errno::NOTTY) => "not a serial port".to_owned(),
         _ => format!("cannot be opened: {error}"),
     };
-    Error::at(port, reason)
+    Error::at(name, reason)
 }
 
 /// Returns true for an address or a host name, with or without a port.
@@ -220,8 +230,8 @@ fn is_host(text: &str) -> bool {
 
 /// The group that owns a port, if that is one for users.
 #[cfg(unix)]
-fn group(port: &str) -> Option<String> {
-    let gid = fs::metadata(port).ok()?.gid();
+fn group(path: &str) -> Option<String> {
+    let gid = fs::metadata(path).ok()?.gid();
     let groups = fs::read_to_string("/etc/group").ok()?;
     // The format of a line is `name:password:id:members`.
     let mut fields = groups.lines().map(|line| line.split(':').collect::<Vec<_>>());

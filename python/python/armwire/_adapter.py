@@ -113,8 +113,8 @@ class Adapter(Open):
     Calls time out after 3 s and raise the exceptions of `armwire.errors`.
 
     Args:
-        port: The adapter's serial port, such as `/dev/ttyACM0`, which identifies its control port;
-            `can:IFACE/NODE`; `slcan:PORT@BITRATE/NODE`; `control:PORT` of a virtual board.
+        port: The adapter's serial port, such as `/dev/ttyACM0`, which identifies its control port; `usb:SERIAL` by
+            its USB serial number; `can:IFACE/NODE`; `slcan:PORT@BITRATE/NODE`; `control:PORT` of a virtual board.
 
     Raises:
         PortError: No adapter was found, or its control port cannot be opened.

@@ -175,8 +175,8 @@ class Ling(Open):
     after crashed starts, unless another program has its control port.
 
     Args:
-        port: A serial port such as `/dev/ttyACM0` or `COM3`; `tcp:HOST:PORT`; `can:IFACE/NODE`;
-            `slcan:PORT@BITRATE/NODE`. The `armwire` command accepts the same.
+        port: A serial port such as `/dev/ttyACM0` or `COM3`, or `usb:SERIAL` by its USB serial number;
+            `tcp:HOST:PORT`; `can:IFACE/NODE`; `slcan:PORT@BITRATE/NODE`. The `armwire` command accepts the same.
         baud: The serial port's baud rate; 1000000 by default.
 
     Raises:

@@ -1,6 +1,7 @@
 //! The control port on USB: an interface of the adapter's own, beside that of its serial port.
 
 use std::io::{self, Read, Write};
+use std::path::Path;
 use std::time::Duration;
 
 use nusb::descriptors::{InterfaceDescriptor, TransferType};
@@ -12,7 +13,8 @@ use crate::error::Error;
 use crate::error::text::Text;
 use crate::error::usb_fault::{UsbFault, VENDOR_AND_PRODUCT};
 use crate::ports::line::{Line, Names, Reception, is_nothing_yet};
-use crate::ports::system::has_serial_port;
+use crate::ports::system::{has_serial_port, serial_path, usb_device};
+use crate::ports::usb_name;
 
 /// The class, subclass and protocol of its control interface: none that is standard.
 const CLASS: (u8, u8, u8) = (0xFF, 0, 0);
@@ -29,13 +31,21 @@ pub(crate) struct UsbLine {
 }
 
 impl UsbLine {
-    /// Opens the control interface of the adapter that has this serial port.
+    /// Opens the control interface of the adapter that has this serial port, a path or `usb:SERIAL`.
     pub(crate) fn open(port: &str) -> Result<Self, Error> {
-        let name = port.to_owned();
-        let device = find(port)?;
-        match claim(&device).and_then(|interface| endpoints(&interface)) {
+        Self::open_on(port.to_owned(), &find(port)?)
+    }
+
+    /// Opens the control interface of the adapter with this serial number.
+    pub(crate) fn open_by_serial(name: String, serial: &str) -> Result<Self, Error> {
+        let device = find_by_serial(&name, serial)?;
+        Self::open_on(name, &device)
+    }
+
+    fn open_on(name: String, device: &DeviceInfo) -> Result<Self, Error> {
+        match claim(device).and_then(|interface| endpoints(&interface)) {
             Ok((reader, writer)) => Ok(Self { name, reader, writer }),
-            Err(error) => Err(not_opened(port, &error)),
+            Err(error) => Err(not_opened(&name, &error)),
         }
     }
 
@@ -44,7 +54,7 @@ impl UsbLine {
     }
 }
 
-/// The serial number of the adapter on USB that has this serial port.
+/// The serial number of the adapter on USB that has this serial port, a path or `usb:SERIAL`.
 ///
 /// # Errors
 ///
@@ -56,25 +66,62 @@ pub fn usb_serial_number(port: &str) -> Result<String, Error> {
 
 /// The adapter that has this serial port.
 fn find(port: &str) -> Result<DeviceInfo, Error> {
-    let name = port.into();
-    // Other systems than Linux do not name the USB device of a port.
-    let serial = serial_number_of(port);
-    if !has_serial_port(port) || cfg!(target_os = "linux") && serial.is_none() {
-        return Err(Error::NoControl { name });
+    if let Some(serial) = usb_name::serial_in(port) {
+        return find_by_serial(port, serial);
+    }
+    let device = usb_device(port);
+    if !has_serial_port(port) || cfg!(target_os = "linux") && device.is_none() {
+        return Err(Error::NoControl { name: port.into() });
     }
     let mut adapters = adapters().map_err(|error| not_opened(port, &error))?;
-    adapters.retain(|adapter| serial.is_none() || adapter.serial_number() == serial.as_deref());
+    adapters.retain(|adapter| may_be_at(adapter, device.as_deref()));
+    only(port, adapters, |adapters| {
+        let serials = adapters.iter().map(|adapter| adapter.serial_number().unwrap_or("?"));
+        let serials: Vec<_> = serials.collect();
+        format!(
+            "there are several adapters ({}), and this system does not show which of them has the port: unplug the others",
+            serials.join(", ")
+        )
+    })
+}
+
+/// Returns true for an adapter with this folder. Other systems than Linux have no such folders: there any may be it.
+fn may_be_at(adapter: &DeviceInfo, folder: Option<&Path>) -> bool {
+    #[cfg(target_os = "linux")]
+    return Some(adapter.sysfs_path()) == folder;
+    #[cfg(not(target_os = "linux"))]
+    {
+        let _ = (adapter, folder);
+        true
+    }
+}
+
+/// The adapter with this serial number.
+fn find_by_serial(name: &str, serial: &str) -> Result<DeviceInfo, Error> {
+    let mut adapters = adapters().map_err(|error| not_opened(name, &error))?;
+    adapters.retain(|adapter| adapter.serial_number() == Some(serial));
+    only(name, adapters, |_| several_with(serial))
+}
+
+/// The reason against a serial number that several adapters have.
+fn several_with(serial: &str) -> String {
+    let several = serial_path(&usb_name::name_of(serial)).err();
+    several.unwrap_or_else(|| "several adapters have this USB serial number: unplug the others".to_owned())
+}
+
+/// The only one of these adapters.
+///
+/// # Errors
+///
+/// [`Error::NoControl`] if there is none, and the reason if there are several.
+fn only(
+    name: &str,
+    mut adapters: Vec<DeviceInfo>,
+    several: impl FnOnce(&[DeviceInfo]) -> String,
+) -> Result<DeviceInfo, Error> {
     match adapters.len() {
-        0 | 1 => adapters.pop().ok_or(Error::NoControl { name }),
-        _ => {
-            let serials = adapters.iter().map(|adapter| adapter.serial_number().unwrap_or("?"));
-            let serials: Vec<_> = serials.collect();
-            let reason = format!(
-                "there are several adapters ({}), and this system does not show which of them has the port: unplug the others",
-                serials.join(", ")
-            );
-            Err(Error::at(port, reason))
-        }
+        0 | 1 => adapters.pop().ok_or(Error::NoControl { name: name.into() }),
+        _ => Err(Error::at(name, several(&adapters))),
     }
 }
 
@@ -87,8 +134,17 @@ pub(crate) fn serial_numbers() -> Vec<String> {
 }
 
 fn adapters() -> Result<Vec<DeviceInfo>, nusb::Error> {
-    let devices = nusb::list_devices().wait()?;
+    let devices = match nusb::list_devices().wait() {
+        // Linux without USB.
+        Err(error) if is_not_found(&error) => return Ok(Vec::new()),
+        devices => devices?,
+    };
     Ok(devices.filter(|device| control_interface(device).is_some()).collect())
+}
+
+fn is_not_found(error: &nusb::Error) -> bool {
+    let code = error.os_error().and_then(|code| code.try_into().ok());
+    code.is_some_and(|code| io::Error::from_raw_os_error(code).kind() == io::ErrorKind::NotFound)
 }
 
 /// The number of the control interface, if it is an adapter.
@@ -98,16 +154,6 @@ fn control_interface(device: &DeviceInfo) -> Option<u8> {
     let interface = interfaces.find(|it| is_control(it.class(), it.subclass(), it.protocol()))?;
     let is_adapter = (device.vendor_id(), device.product_id()) == VENDOR_AND_PRODUCT;
     is_adapter.then(|| interface.interface_number())
-}
-
-/// The serial number of the USB device with this serial port. `None` except on Linux.
-pub(crate) fn serial_number_of(port: &str) -> Option<String> {
-    // The port may be a link, for example under /dev/serial/by-id.
-    let device = std::fs::canonicalize(port).ok()?;
-    let name = device.file_name()?.to_str()?;
-    // This is the interface, and the device is above it.
-    let serial = std::fs::read_to_string(format!("/sys/class/tty/{name}/device/../serial")).ok()?;
-    Some(serial.trim_end().to_owned())
 }
 
 fn claim(device: &DeviceInfo) -> Result<Interface, nusb::Error> {
