@@ -58,7 +58,7 @@ impl Error {
         }
     }
 
-    /// The error with what only the adapter knows of it, which `explain` asks.
+    /// The error with what only the adapter or the system knows of it, which `explain` asks.
     pub(crate) fn explained(self, explain: impl FnOnce(Host) -> Host) -> Self {
         match self {
             Self::Host(error) => explain(error).into(),

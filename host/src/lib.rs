@@ -55,7 +55,8 @@
 //!
 //! An [`Error`] says what was wrong, and where. As in [`armwire`], its text has the cause, and `source` returns none. It
 //! has no words of a certain program: a program puts its own in at each [`Remedy`]. It does no I/O:
-//! [`Connection::explain`] asks the adapter for what only that knows. Text from outside in it is escaped: see [`Outside`].
+//! [`Connection::explain`] asks the adapter and the system for what only those know. Text from outside in it is escaped:
+//! see [`Outside`].
 //!
 //! # Features
 //!

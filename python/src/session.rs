@@ -23,7 +23,7 @@ pub(crate) struct Session<T> {
 
 /// A port that knows more of its errors.
 pub(crate) trait Explain {
-    /// The error with what only the adapter knows of it.
+    /// The error with what only the adapter or the system knows of it.
     fn explain(&self, error: Error) -> Error {
         error
     }

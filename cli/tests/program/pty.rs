@@ -323,6 +323,23 @@ fn silent_port_is_reported_with_hints() {
     );
 }
 
+#[cfg(target_os = "linux")]
+#[test]
+fn missing_answer_names_another_user_of_the_port() {
+    let pty = Pty::open(None).unwrap();
+    let theirs = fs::File::open(pty.path()).unwrap();
+    let mut thief = Command::new("sleep").arg("600").stdin(theirs).spawn().unwrap();
+    let line = failure(&run(&["info", pty.path().to_str().unwrap()]));
+    thief.kill().unwrap();
+    thief.wait().unwrap();
+    let id = thief.id();
+    let user = format!(
+        "3 attempts: the port is also open in another program, sleep (process {id}), which may take the answers: close that \
+         one first"
+    );
+    assert!(line.ends_with(&user), "{line}");
+}
+
 #[test]
 fn damaged_answers_are_reported_as_damaged() {
     let arm = Arm::start(

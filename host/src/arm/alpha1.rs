@@ -143,7 +143,7 @@ impl Alpha1 {
         self.link.line_errors()
     }
 
-    /// Adds to an error what only the adapter knows: see [`Connection::explain`].
+    /// Adds to an error what others know: see [`Connection::explain`].
     #[must_use]
     pub fn explain(&self, error: Error) -> Error {
         self.connection.explain(error)

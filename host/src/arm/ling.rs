@@ -394,7 +394,7 @@ impl Ling {
         self.link.line_errors()
     }
 
-    /// Adds to an error what only the adapter knows: see [`Connection::explain`].
+    /// Adds to an error what others know: see [`Connection::explain`].
     #[must_use]
     pub fn explain(&self, error: Error) -> Error {
         self.connection.explain(error)

@@ -54,7 +54,7 @@ pub enum Error {
     Interrupted(Box<dyn error::Error + Send + Sync>),
     /// The port or the connection is gone that was open: it may come back.
     Lost { name: Outside, reason: Outside },
-    /// Another program uses the port. `user` describes it.
+    /// Another program uses the port, or this process does. `user` describes it.
     InUse { name: Outside, user: Outside },
     /// The port accepts no bytes.
     Stuck { name: Outside },

@@ -21,7 +21,9 @@ use crate::ports::hid::{self, Selector};
 use crate::ports::line::Line;
 use crate::ports::line_reservation;
 use crate::ports::link::Link;
+use crate::ports::port_user::{self, User};
 use crate::ports::serial::{self, Serial};
+use crate::ports::system;
 use crate::ports::tcp::{Tcp, TcpAddress};
 use crate::ports::usb_name;
 
@@ -384,10 +386,17 @@ impl Connection {
         is_in_recovery.then(|| control.name().to_owned())
     }
 
-    /// Adds to the error of a missing answer on CAN what the adapters know: a reservation of the line to the arm, or the
-    /// errors of the bus. It asks them, which takes up to 3 s. Other errors are unchanged.
+    /// Adds to the error of a missing answer what others know. On a serial port of Linux: who else has it open, and may
+    /// take the answers. On CAN, what the adapters know: a reservation of the line to the arm, or the errors of the bus. It
+    /// asks them, which takes up to 3 s. Other errors are unchanged.
     #[must_use]
     pub fn explain(&self, mut error: Error) -> Error {
+        if let Error::NoAnswer { hint, missing, .. } = &mut error
+            && let Some(user) = self.other_user(*missing)
+        {
+            *hint = format!("the port is also open in {user}, which may take the answers: close that one first").into();
+            return error;
+        }
         if let (Some(bus), Error::NoAnswer { hint, missing, .. }) = (&self.bus, &mut error)
             && let Missing::Silent | Missing::Adapter = missing
         {
@@ -401,6 +410,17 @@ impl Connection {
             }
         }
         error
+    }
+
+    /// Another user of the serial port on which an answer is missing.
+    fn other_user(&self, missing: Missing) -> Option<User> {
+        let port = match &self.port {
+            // The control port is another interface.
+            Port::Serial(_) if missing == Missing::Adapter => return None,
+            Port::Serial(port) | Port::Control(port) | Port::Slcan { port, .. } => port,
+            Port::Tcp(_) | Port::Can { .. } | Port::Hid(_) | Port::UsbControl(_) => return None,
+        };
+        port_user::other(&system::serial_path(port).ok()?)
     }
 
     /// The reservation of the line to the arm, read from the adapter. `None` without one, without a reply, or while the

@@ -168,8 +168,8 @@ fn not_opened(name: &str, path: &str, error: &io::Error) -> Error {
     let reason = match error.kind() {
         // Another program has locked the port, or keeps all others from opening it.
         ErrorKind::WouldBlock | ErrorKind::ResourceBusy if cfg!(unix) => {
-            let user = match port_user::find(path) {
-                Some(program) => format!("another program, {program}"),
+            let user = match port_user::owner(path) {
+                Some(user) => user.to_string(),
                 None => format!("another program ('fuser -v {path}' names it)"),
             };
             return Error::InUse {
