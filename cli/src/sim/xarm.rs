@@ -82,7 +82,10 @@ impl XArmSim {
         arm.set_error(self.error);
         arm.set_warning(self.warning);
 
-        let server = Server::bind(self.listen, report).map_err(|error| not_served(advice(&error)))?;
+        let server = Server::bind(self.listen, report).map_err(|error| {
+            let is_report = Some(error.address) == report;
+            not_served(advice(&error, is_report))
+        })?;
         let axes = config.model.joints();
         let reports = match server.report_address() {
             Some(address) => format!("its reports at {address}"),
@@ -117,18 +120,26 @@ fn is_loopback(ip: IpAddr) -> bool {
     ip.to_canonical().is_loopback()
 }
 
-/// The hint for a port that cannot be bound.
-fn advice(problem: &BindError) -> io::Error {
+/// The hint for a port that cannot be bound, that of requests or of reports, with the option that chooses another.
+fn advice(problem: &BindError, is_report: bool) -> io::Error {
     let BindError { address, error } = problem;
     let port = address.port();
+    let (option, or_none) = match is_report {
+        true => ("--report-listen", ", or --no-report"),
+        false => ("--listen", ""),
+    };
+    let choice = |port| format!("{option} {}{or_none}", SocketAddr::new(address.ip(), port));
     let text = match error.kind() {
         ErrorKind::PermissionDenied => format!(
             "{address}: permission denied, as ports below 1024 are the administrator's: choose another \
-             (--listen {}), or allow every program this one \
+             ({}), or allow every program this one \
              ('sudo sysctl net.ipv4.ip_unprivileged_port_start={port}')",
-            SocketAddr::new(address.ip(), 15020)
+            choice(15020)
         ),
-        ErrorKind::AddrInUse => format!("{address}: in use by another program: close that one, or choose another port"),
+        ErrorKind::AddrInUse => format!(
+            "{address}: in use by another program: close that one, or choose any free port ({})",
+            choice(0)
+        ),
         ErrorKind::AddrNotAvailable => format!("{address}: this machine has no such address"),
         _ => format!("{address}: {error}"),
     };
@@ -151,12 +162,18 @@ mod tests {
 
     #[test]
     fn bind_errors_come_with_advice() {
-        let advice = |address: &str, kind: ErrorKind| {
+        let advice_of = |address: &str, kind: ErrorKind, is_report| {
             let (address, error) = (address.parse().unwrap(), kind.into());
-            advice(&BindError { address, error }).to_string()
+            advice(&BindError { address, error }, is_report).to_string()
         };
+        let advice = |address, kind| advice_of(address, kind, false);
         assert!(advice("127.0.0.1:502", ErrorKind::PermissionDenied).contains("(--listen 127.0.0.1:15020)"));
         assert!(advice("[::1]:502", ErrorKind::PermissionDenied).contains("(--listen [::1]:15020)"));
-        assert!(advice("127.0.0.1:502", ErrorKind::AddrInUse).contains("in use"));
+        assert!(advice("127.0.0.1:502", ErrorKind::AddrInUse).ends_with("(--listen 127.0.0.1:0)"));
+        let report = advice_of("[::1]:30002", ErrorKind::AddrInUse, true);
+        assert!(
+            report.ends_with("(--report-listen [::1]:0, or --no-report)"),
+            "{report}"
+        );
     }
 }

@@ -179,11 +179,19 @@ fn remote_access_needs_an_option() {
 fn occupied_port_is_reported() {
     let occupied = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = occupied.local_addr().unwrap().to_string();
-    let output = run(&["sim", "xarm", "--listen", &address, "--no-report"]);
-    let expected = format!(
-        "cannot serve a virtual arm: {address}: in use by another program: close that one, or choose another port"
-    );
-    assert_eq!(failure(&output), expected);
+    let listen = ["--listen", &*address, "--no-report"];
+    let report = ["--listen", "127.0.0.1:0", "--report-listen", &*address];
+    for (args, option) in [
+        (&listen[..], "--listen 127.0.0.1:0"),
+        (&report[..], "--report-listen 127.0.0.1:0, or --no-report"),
+    ] {
+        let output = run(&[&["sim", "xarm"], args].concat());
+        let expected = format!(
+            "cannot serve a virtual arm: {address}: in use by another program: close that one, or choose any free port \
+             ({option})"
+        );
+        assert_eq!(failure(&output), expected);
+    }
 }
 
 #[test]
