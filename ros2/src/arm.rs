@@ -91,7 +91,7 @@ impl<'a, 'b> Session<'a, 'b> {
             },
         };
         let mut ling = connection.ling()?;
-        let stroke = ling.read_stroke()?;
+        let stroke = ling.read_stroke().map_err(|error| ling.explain(error))?;
         let park = match clients.arm.park {
             true => Some(ling.saved_park_pose(&ParkPoses::of_user()?)?),
             false => None,
