@@ -64,6 +64,19 @@ fn move_without_torque_is_refused_and_moves_nothing() {
     });
 }
 
+#[cfg(target_os = "linux")]
+#[test]
+fn second_opening_in_one_process_is_in_use_by_it() {
+    with_arm(|arm| {
+        let second = armwire_host::open(arm.name()).unwrap().ling();
+        let error = second.unwrap_err();
+        assert!(
+            matches!(&error, Error::InUse { user, .. } if user.as_str() == "this process"),
+            "{error}"
+        );
+    });
+}
+
 #[test]
 fn torque_off_by_the_link_refuses_a_move() {
     with_arm(|arm| {

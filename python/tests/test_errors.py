@@ -59,7 +59,7 @@ def test_baud_rate_out_of_range_is_a_value_error(baud: int) -> None:
 
 
 def test_port_in_use_is_a_port_error(virtual: sim.VirtualLing, arm: armwire.Ling) -> None:
-    with pytest.raises(errors.PortError, match="in use by another program"):
+    with pytest.raises(errors.PortError, match="in use by this process"):
         armwire.Ling(virtual.port)
 
 

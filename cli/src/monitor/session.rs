@@ -39,6 +39,8 @@ pub(super) struct Session<'a> {
     count: Option<u64>,
     stop: &'a AtomicBool,
     clock: Stopwatch,
+    /// The arm's connection, which explains missing answers.
+    connection: Option<Connection>,
     model: Model,
     /// `None` before the first bytes or readings.
     output: Option<Box<dyn Output>>,
@@ -59,6 +61,7 @@ impl<'a> Session<'a> {
             count,
             stop,
             clock: Stopwatch::start(),
+            connection: None,
             model: Model::new(port),
             output: None,
             celsius: Timer::new(CELSIUS_PERIOD),
@@ -71,6 +74,7 @@ impl<'a> Session<'a> {
 
     /// Shows the readings of a source, at this rate if the source has none of its own, until the session ends.
     pub(super) fn watch(&mut self, watched: &mut Watched, rate: u32, recorder: &mut Recorder) -> Result<(), Error> {
+        self.connection.clone_from(&watched.connection);
         let source = &mut *watched.source;
         let rate = source.is_paced().then_some(rate);
         self.model.watch(source.arm(), source.servos(), rate);
@@ -188,6 +192,10 @@ impl<'a> Session<'a> {
     /// Updates the model with news. `begun` is the start of the call, if there was one.
     fn take(&mut self, news: Result<News, Error>, begun: Option<time::Instant>) -> Result<Step, Error> {
         let now = self.clock.now();
+        let news = news.map_err(|error| match &self.connection {
+            Some(connection) => error.explained(|error| connection.explain_by_system(error)),
+            None => error,
+        });
         match news {
             Ok(News::Reading(facts, stamp)) => {
                 self.has_received = true;
@@ -348,6 +356,29 @@ mod tests {
     fn silence_after_noise_does_not_end_it() {
         assert!(without_answers(&[8, 0, 0]).is_ok());
         assert!(without_answers(&[0]).is_err());
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn missing_answer_names_another_user_of_the_port() {
+        let pty = armwire_sim::pty::Pty::open(None).unwrap();
+        let theirs = std::fs::File::open(pty.path()).unwrap();
+        let mut thief = std::process::Command::new("sleep")
+            .arg("600")
+            .stdin(theirs)
+            .spawn()
+            .unwrap();
+        let stop = AtomicBool::new(false);
+        let mut session = Session::new("PORT", Form::Json, None, &stop);
+        session.connection = Some(armwire_host::open(pty.path().to_str().unwrap()).unwrap());
+        session.take(Err(no_answer(1)), None).unwrap();
+        thief.kill().unwrap();
+        thief.wait().unwrap();
+        let notice = session.model.notice.unwrap();
+        assert!(
+            notice.contains("also open in another program, sleep (process"),
+            "{notice}"
+        );
     }
 
     #[test]

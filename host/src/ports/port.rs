@@ -386,17 +386,24 @@ impl Connection {
         is_in_recovery.then(|| control.name().to_owned())
     }
 
-    /// Adds to the error of a missing answer what others know. On a serial port of Linux: who else has it open, and may
-    /// take the answers. On CAN, what the adapters know: a reservation of the line to the arm, or the errors of the bus. It
-    /// asks them, which takes up to 3 s. Other errors are unchanged.
+    /// Adds to the error of a missing answer on a serial port of Linux who else has the port open, and may take the answers.
+    /// Other errors are unchanged.
     #[must_use]
-    pub fn explain(&self, mut error: Error) -> Error {
-        if let Error::NoAnswer { hint, missing, .. } = &mut error
-            && let Some(user) = self.other_user(*missing)
+    pub fn explain_by_system(&self, mut error: Error) -> Error {
+        if let Some(user) = self.other_user(&error)
+            && let Error::NoAnswer { hint, .. } = &mut error
         {
             *hint = format!("the port is also open in {user}, which may take the answers: close that one first").into();
-            return error;
         }
+        error
+    }
+
+    /// Adds to the error of a missing answer what others know: on a serial port [the system](Self::explain_by_system), on
+    /// CAN the adapters, which know a reservation of the line to the arm, or the errors of the bus. It asks them, which takes
+    /// up to 3 s. Other errors are unchanged.
+    #[must_use]
+    pub fn explain(&self, error: Error) -> Error {
+        let mut error = self.explain_by_system(error);
         if let (Some(bus), Error::NoAnswer { hint, missing, .. }) = (&self.bus, &mut error)
             && let Missing::Silent | Missing::Adapter = missing
         {
@@ -413,12 +420,15 @@ impl Connection {
     }
 
     /// Another user of the serial port on which an answer is missing.
-    fn other_user(&self, missing: Missing) -> Option<User> {
+    fn other_user(&self, error: &Error) -> Option<User> {
+        let Error::NoAnswer { missing, .. } = error else {
+            return None;
+        };
         let port = match &self.port {
             // The control port is another interface.
-            Port::Serial(_) if missing == Missing::Adapter => return None,
-            Port::Serial(port) | Port::Control(port) | Port::Slcan { port, .. } => port,
-            Port::Tcp(_) | Port::Can { .. } | Port::Hid(_) | Port::UsbControl(_) => return None,
+            Port::Serial(_) if *missing == Missing::Adapter => return None,
+            Port::Serial(port) | Port::Control(port) => port,
+            Port::Slcan { .. } | Port::Tcp(_) | Port::Can { .. } | Port::Hid(_) | Port::UsbControl(_) => return None,
         };
         port_user::other(&system::serial_path(port).ok()?)
     }
