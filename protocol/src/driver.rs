@@ -130,6 +130,8 @@ pub struct Counters {
     pub echoes: u32,
     /// Receive errors of the port that ended no call.
     pub receive_errors: u32,
+    /// Answers that did not keep the order of their requests: see [`Client::out_of_order`].
+    pub out_of_order: u32,
 }
 
 impl Counters {
@@ -217,6 +219,7 @@ impl<M: Messages, Port: Read + Write, C: Clock, const N: usize> Driver<M, Port, 
                 unsolicited: 0,
                 echoes: 0,
                 receive_errors: 0,
+                out_of_order: 0,
             },
             needs_flush: false,
         }
@@ -298,7 +301,9 @@ impl<M: Messages, Port: Read + Write, C: Clock, const N: usize> Driver<M, Port, 
 
     /// The counts of received frames and bytes other than answers, since the driver was created.
     pub const fn counters(&self) -> Counters {
-        self.counters
+        let mut counters = self.counters;
+        counters.out_of_order = self.client.out_of_order() as u32;
+        counters
     }
 
     /// The frame that ended the last call: an answer, which may have more bytes than its response contains, or an error
