@@ -15,12 +15,10 @@ use crate::time::{Duration, Instant};
 use crate::{BufferTooShort, Cause, OutOfRange, ParseError};
 
 /// Sends that may be unresolved: the one in flight, stale ones, and fences.
-const SENDS: usize = 12;
-/// Places for fences, beyond one for each: new ones of a key, before the old ones of that key are known to be lost.
-const NEW_FENCES: usize = 2;
+const SENDS: usize = 11;
 
-/// The stale windows until an answer is lost at an arm that has answered no fence yet: a stall may hold that answer back.
-const WINDOWS_OF_STALL: u64 = 20;
+/// The stale window of an arm that has answered no fence yet: a line may hold its answer back.
+const STALL: Duration = Duration::from_millis(2_000);
 
 /// A part of a void.
 static ZEROS: [u8; 32] = [0; 32];
@@ -228,6 +226,8 @@ struct Outgoing<M: Messages, const N: usize> {
     exchange: Exchange<M, Who, SENDS>,
     call: Option<Call>,
     fences: Fences,
+    /// The time at which bytes were last given out.
+    offered: Instant,
     /// The properties of the frame in `tx` for the exchange. `None` before the first.
     info: Option<InfoOf<M>>,
     tx: [u8; N],
@@ -259,6 +259,9 @@ impl<M: Messages, const N: usize> Outgoing<M, N> {
         let Some(call) = self.call.as_mut().filter(|call| call.state == State::Ready) else {
             return;
         };
+        if !self.fences.pending().is_empty() {
+            return;
+        }
         if call.sends > 0 {
             // A repeat belongs to the same call. It never waits, and an answer in the port is an answer to the call.
             call.state = State::Writing(0);
@@ -271,11 +274,12 @@ impl<M: Messages, const N: usize> Outgoing<M, N> {
         };
         let are_fences_on = self.fences.are_on::<M>();
         // Fences have their places.
-        let has_room = !are_fences_on || self.exchange.open(Who::Call) + M::FENCES.len() + NEW_FENCES < SENDS;
+        let has_room = !are_fences_on || self.exchange.open(Who::Call) + Fences::places::<M>() < SENDS;
         let may_go = has_room
-            && match call.is_reading {
-                true => self.exchange.can_read(info, Who::Call),
-                false => self.exchange.can_send(info, Who::Call),
+            && match (call.is_reading, are_fences_on) {
+                (true, true) => self.exchange.can_follow(info, Who::Call),
+                (true, false) => self.exchange.can_overtake(info, Who::Call),
+                (false, _) => self.exchange.can_send(info, Who::Call),
             };
         let is_fenced = !may_go || self.exchange.missing_answers(info.key) > 0;
         if are_fences_on && (is_fenced || call.is_reading && !self.fences.are_known()) {
@@ -318,9 +322,11 @@ impl<M: Messages, const N: usize> Outgoing<M, N> {
 
     /// The port accepted `n` of the pending bytes.
     fn transmitted(&mut self, messages: &M, n: usize, config: &Config, received: u64, now: Instant) {
+        // The program may have been interrupted in the write.
+        let at = self.offered;
         let handover = |len, response| Handover {
             offset: received,
-            at: now,
+            at,
             due: now + config.timeout(len, response),
         };
         if self.void > 0 {
@@ -334,7 +340,7 @@ impl<M: Messages, const N: usize> Outgoing<M, N> {
                 && let Some(response) = info.response
             {
                 let handover = handover(fence.frame.len(), response);
-                match fence.is_new && self.exchange.open(Who::Fence) < M::FENCES.len() + NEW_FENCES {
+                match fence.is_new {
                     true => drop(self.exchange.begin(info, Who::Fence, handover)),
                     false => self.exchange.repeat(info, Who::Fence, handover),
                 }
@@ -356,6 +362,7 @@ impl<M: Messages, const N: usize> Outgoing<M, N> {
         };
         let handover = handover(self.len, response);
         match call.sends {
+            0 if call.is_reading && !self.fences.are_on::<M>() => self.exchange.overtake(info, Who::Call, handover),
             0 => drop(self.exchange.begin(info, Who::Call, handover)),
             _ => self.exchange.repeat(info, Who::Call, handover),
         }
@@ -382,7 +389,8 @@ impl<M: Messages, const N: usize> Outgoing<M, N> {
 
     /// The time at which a request that waits for an earlier answer is given up.
     fn end_of_wait(&self, config: &Config) -> Option<Instant> {
-        let call = self.call.as_ref().filter(|call| call.state == State::Ready)?;
+        let call = self.call.as_ref();
+        let call = call.filter(|call| call.state == State::Ready && self.fences.are_on::<M>())?;
         let response = self.info?.response?;
         let windows = config.stale_window + config.stale_window;
         Some(call.blocked? + windows.max(config.timeout(self.len, response)))
@@ -417,8 +425,8 @@ impl<M: Messages, const N: usize> Outgoing<M, N> {
 ///
 /// The order of answers shows that an earlier one is lost, and time does not: a line may hold its bytes back. A request
 /// that waits is preceded by a [fence](Messages::FENCES), a read with another key. An unanswered fence is followed by the
-/// next one after [`Config::latency`], and after twice that time again. An arm that answers no fence, or out of order, is
-/// recognised: there an answer counts as lost at the end of [`Config::stale_window`].
+/// next one after [`Config::latency`], and after twice that time again. An arm that answers no fence, or out of order, and a line that loses
+/// most of them, are recognised: there an answer counts as lost at the end of [`Config::stale_window`].
 ///
 /// # A call
 ///
@@ -537,10 +545,12 @@ impl<M: Messages, const N: usize> Client<M, N> {
             outgoing: Outgoing {
                 exchange: Exchange::new(match M::FENCES.is_empty() {
                     true => config.stale_window,
-                    false => Duration::from_micros(WINDOWS_OF_STALL.saturating_mul(config.stale_window.as_micros())),
+                    false if config.stale_window.as_micros() > STALL.as_micros() => config.stale_window,
+                    false => STALL,
                 }),
                 call: None,
                 fences: Fences::new(),
+                offered: Instant::ZERO,
                 info: None,
                 tx: [0; N],
                 len: 0,
@@ -822,10 +832,11 @@ impl<M: Messages, const N: usize> Client<M, N> {
             out.start(&self.messages, &self.config, now);
         }
         let end = out.end_of_wait(&self.config);
-        if end.is_some_and(|end| end <= now) {
+        if end.is_some_and(|end| end <= now) && out.pending().is_empty() {
             out.end();
             return Output::Event(Event::TimedOut { sends: 0 });
         }
+        out.offered = now;
         let bytes = out.pending();
         match out.call.as_ref().map(|call| call.state) {
             _ if !bytes.is_empty() => Output::Transmit(bytes),
@@ -855,7 +866,7 @@ impl<M: Messages, const N: usize> Client<M, N> {
             return None;
         }
         let out = &mut self.outgoing;
-        let fences = out.exchange.open(Who::Fence);
+        let fences = out.exchange.missing_answers_of(Who::Fence);
         let first = FirstByte { offset, at: None };
         let matched = out.exchange.on_frame(&self.messages, bytes, first, now);
         match matched {
@@ -864,14 +875,17 @@ impl<M: Messages, const N: usize> Client<M, N> {
                 self.newest = self.newest.max(time_of_state(sent, self.last_rx));
                 self.time_of_state = Some(self.newest);
             }
-            Match::Late { who: Who::Fence, .. } => out.fences.answered(&self.messages, &out.exchange, now),
+            Match::Late { who: Who::Fence, .. } => {
+                out.fences.answered(&out.exchange, now, self.config.stale_window);
+            }
             Match::Unsolicited => {}
         }
         if let Match::Answer { .. } = matched {
             out.end();
         }
         if !matches!(matched, Match::Late { who: Who::Fence, .. }) {
-            out.fences.lost(fences.saturating_sub(out.exchange.open(Who::Fence)));
+            let left = out.exchange.missing_answers_of(Who::Fence);
+            out.fences.lost(fences.saturating_sub(left));
         }
         if out.exchange.out_of_order() > 0 {
             out.fences.out_of_order();

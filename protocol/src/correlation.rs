@@ -58,6 +58,12 @@ pub trait Correlation: Framing {
     /// expire before the next request with its key may be sent.
     const HAS_TRANSACTION_ID: bool = false;
 
+    /// Returns true if the arm responds in the order of its requests: the response to a later one shows that an earlier
+    /// one is lost.
+    fn keeps_order(&self) -> bool {
+        false
+    }
+
     /// The part of a response that matches it to its request.
     type Key: Copy + Eq + Debug;
 

@@ -20,7 +20,9 @@
 //! * Only an answer moves a deadline: an arm answers one request after the other, and the timeouts of later requests
 //!   start then.
 //! * A *reading* is one of many requests for a state at a steady rate. It waits for no stale send of its key by its own
-//!   initiator: the answer to that one comes first.
+//!   initiator. It *follows* them, whose answers come first; or it *overtakes* them, where order does not show which
+//!   answers are lost, and takes an answer before them: each answer has the state, and only their number is exact. The
+//!   sends that it overtakes become one, with as many answers, which ends no earlier than the reading's own stale window.
 //! * The answer to a send that was resolved by order is out of order. It is counted, and order resolves no send any more.
 //!
 //! An answer later than the stale window can be assigned to the wrong request.
@@ -155,8 +157,8 @@ pub struct Exchange<D: Correlation, I, const N: usize> {
     /// In the order of their first handovers, without gaps.
     sends: Slots<Sent<D, I>, N>,
     saturated: Option<Saturation>,
-    /// The key of the last send that was resolved by order.
-    lost: Option<D::Key>,
+    /// The key of the last send that was resolved by order, and the time by which the answer would have come.
+    lost: Option<(D::Key, Instant)>,
     out_of_order: u16,
 }
 
@@ -188,34 +190,63 @@ impl<D: Correlation, I: Copy + Eq, const N: usize> Exchange<D, I, N> {
 
     /// Returns true if a request may be sent now.
     pub fn can_send(&self, info: &InfoOf<D>, who: I) -> bool {
-        self.is_free(info, who, |_| false)
+        self.is_free(info, who, |_| false, 0)
     }
 
-    /// Returns true if a reading may be sent now.
-    pub fn can_read(&self, info: &InfoOf<D>, who: I) -> bool {
-        self.is_free(info, who, |sent| sent.is_of(info.key, who))
+    /// Returns true if a reading may be sent now that follows those before it.
+    pub fn can_follow(&self, info: &InfoOf<D>, who: I) -> bool {
+        self.is_free(info, who, |sent| sent.is_of(info.key, who), 0)
     }
 
-    /// Returns true if a request may be sent now that waits for no `passed` send.
-    fn is_free(&self, info: &InfoOf<D>, who: I, passed: impl Fn(&Sent<D, I>) -> bool) -> bool {
+    /// Returns true if a reading may be sent now that [overtakes](Self::overtake) those before it.
+    pub fn can_overtake(&self, info: &InfoOf<D>, who: I) -> bool {
+        let is_overtaken = |sent: &Sent<D, I>| sent.stale && sent.is_of(info.key, who);
+        // One of them remains.
+        let freed = self.sends.iter().filter(|sent| is_overtaken(sent)).count();
+        self.is_free(info, who, is_overtaken, freed.saturating_sub(1))
+    }
+
+    /// Returns true if a request may be sent now that waits for no `passed` send, and frees places.
+    fn is_free(&self, info: &InfoOf<D>, who: I, passed: impl Fn(&Sent<D, I>) -> bool, freed: usize) -> bool {
         if info.response.is_none() {
             return true;
         }
         if D::HAS_TRANSACTION_ID {
             return self.sends.len() < N || self.sends.iter().any(|sent| sent.stale);
         }
+        let has_room = self.sends.len().saturating_sub(freed) < N;
         let blocks = |sent: &Sent<D, I>| !passed(sent) && sent.blocks(info, who);
-        self.has_room() && !self.sends.iter().any(blocks)
+        has_room && self.saturated.is_none() && !self.sends.iter().any(blocks)
     }
 
-    /// Returns true if a further send can be tracked.
-    fn has_room(&self) -> bool {
-        self.saturated.is_none() && self.sends.len() < N
+    /// A reading was handed over that [may overtake](Self::can_overtake) those before it.
+    pub fn overtake(&mut self, info: InfoOf<D>, who: I, handover: Handover) {
+        let is_overtaken = |sent: &Sent<D, I>| sent.stale && sent.is_of(info.key, who);
+        let mut overtaken = self.sends.remove_first_where(is_overtaken);
+        if let Some(sent) = &mut overtaken {
+            while let Some(other) = self.sends.remove_first_where(is_overtaken) {
+                sent.times = sent.times.saturating_add(other.times);
+                (sent.last, sent.due) = (sent.last.max(other.last), sent.due.max(other.due));
+            }
+            // If the reading takes an earlier answer, its own is still to come.
+            (sent.last, sent.due) = (handover.at, sent.due.max(handover.due));
+        }
+        self.begin(info, who, handover);
+        if let Some(sent) = overtaken {
+            // Behind the reading, which takes the next answer.
+            self.sends.push(sent);
+        }
     }
 
     /// The number of unresolved sends of this initiator.
     pub fn open(&self, who: I) -> usize {
         self.sends.iter().filter(|sent| sent.who == who).count()
+    }
+
+    /// The number of handovers of this initiator that may be answered.
+    pub fn missing_answers_of(&self, who: I) -> u16 {
+        let sends = self.sends.iter().filter(|sent| sent.who == who);
+        sends.fold(0, |sum, sent| sum.saturating_add(sent.times))
     }
 
     /// The number of handovers of this key that may be answered, by any initiator.
@@ -281,13 +312,13 @@ impl<D: Correlation, I: Copy + Eq, const N: usize> Exchange<D, I, N> {
         let window = self.stale_window;
         let is_answered = |sent: &&mut Sent<D, I>| sent.is_answered_by(correlation, frame, first);
         let Some(answered) = self.sends.iter_mut().find(is_answered) else {
-            self.check_order(correlation, frame);
+            self.check_order(correlation, frame, now);
             return Match::Unsolicited;
         };
         let (who, sent, stale) = (answered.who, answered.at, answered.stale);
         answered.answered();
-        if !D::HAS_TRANSACTION_ID && self.out_of_order == 0 {
-            self.resolve_before(sent);
+        if correlation.keeps_order() && self.out_of_order == 0 {
+            self.resolve_before(sent, now);
         }
         self.sends.remove_where(|sent| sent.times == 0);
         for behind in self.sends.iter_mut().filter(|other| sent <= other.at && !other.stale) {
@@ -303,16 +334,17 @@ impl<D: Correlation, I: Copy + Eq, const N: usize> Exchange<D, I, N> {
     }
 
     /// Resolves the stale sends whose last handover was before this time: a later request was answered.
-    fn resolve_before(&mut self, sent: Instant) {
-        for earlier in self.sends.iter_mut().filter(|other| other.stale && other.last < sent) {
+    fn resolve_before(&mut self, time: Instant, now: Instant) {
+        for earlier in self.sends.iter_mut().filter(|other| other.stale && other.last < time) {
             earlier.times = 0;
-            self.lost = Some(earlier.key);
+            self.lost = Some((earlier.key, now + earlier.timeout));
         }
     }
 
     /// Counts a frame that answers a send which order has resolved.
-    fn check_order(&mut self, correlation: &D, frame: &[u8]) {
-        if let Some(key) = self.lost
+    fn check_order(&mut self, correlation: &D, frame: &[u8], now: Instant) {
+        if let Some((key, until)) = self.lost
+            && now <= until
             && self.saturated.is_none()
             && correlation.is_response_to(key, frame)
         {

@@ -2,7 +2,8 @@
 //!
 //! Each fence that goes out has another key than those without an answer, as long as there is one: then its answer can be
 //! no other's. On a line that is silent for longer, the last key is repeated, as a sign of life. When that is answered,
-//! the first key goes out once more than it has answers missing: one of so many answers is to a new fence.
+//! the first key is sent until one of its answers can only be to a fence that went out since. A line that loses more than
+//! half of its frames may never get there: it is recognised, and fences end.
 
 use crate::exchange::Exchange;
 use crate::messages::Messages;
@@ -12,8 +13,10 @@ use crate::time::{Duration, Instant};
 const MAX_MISSING: u16 = 2;
 /// The shortest time from a fence to the next one, without an answer.
 const PAUSE: Duration = Duration::from_millis(3);
+/// The number of stale windows for which a line answers fences, and its order shows nothing.
+const LOSSY: u64 = 40;
 /// The number of lost fences that shows that an arm answers none.
-const MAX_LOST: usize = 6;
+const MAX_LOST: u16 = 6;
 
 /// The initiator of a send of a client.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -30,42 +33,55 @@ pub(crate) struct Fence {
     pub(crate) is_new: bool,
 }
 
+/// What is known of a line.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Line {
+    /// A fence has a key of which its answer can be told.
+    Heard,
+    /// All keys have answers missing, and the last one is repeated.
+    Silent,
+    /// That was answered. The answers from before may be lost, or on the way.
+    Back,
+}
+
 /// The fences of one client.
 pub(crate) struct Fences {
     /// The fence that is being transmitted, and the number of its bytes that are out.
     writing: Option<(Fence, usize)>,
-    /// The index of the next fence, of those with equally few answers missing.
-    index: usize,
-    /// The index of the last fence.
+    line: Line,
+    /// The first answer since the line was silent, and order has shown nothing yet.
+    back: Option<Instant>,
+    /// The indices of the last fence, and of the next one of those with equally few answers missing.
     last: usize,
-    /// No fence goes out before.
+    index: usize,
+    /// The time of the last fence. No other goes out before `due`.
+    sent: Instant,
     due: Instant,
     /// The time from the next fence to the one after it, without an answer.
     pause: Duration,
-    /// The time of the last one.
-    sent: Instant,
-    /// All fences had answers missing when the last one went out.
-    is_silent: bool,
-    /// The number of fences of the first key that go out at once.
-    burst: u16,
     /// An arm that has answered a fence answers them all.
     is_answered: bool,
     /// The number of fences that were lost before one was answered.
-    lost: usize,
+    lost: u16,
     is_off: bool,
 }
 
 impl Fences {
+    /// Places in the exchange: one for each key, and one for a new fence of the first key.
+    pub(crate) const fn places<M: Messages>() -> usize {
+        M::FENCES.len() + 1
+    }
+
     pub(crate) const fn new() -> Self {
         Self {
             writing: None,
-            index: 0,
+            line: Line::Heard,
+            back: None,
             last: 0,
+            index: 0,
+            sent: Instant::ZERO,
             due: Instant::ZERO,
             pause: PAUSE,
-            sent: Instant::ZERO,
-            is_silent: false,
-            burst: 0,
             is_answered: false,
             lost: 0,
             is_off: false,
@@ -104,26 +120,25 @@ impl Fences {
             let info = messages.request(frame);
             info.map_or(0, |info| exchange.missing_answers(info.key))
         };
-        if missing(first) < MAX_MISSING {
-            self.burst = 0;
-        }
         let all = M::FENCES.iter().copied().enumerate().cycle();
         let from_next = all.skip(self.index).take(M::FENCES.len());
-        let fence = if self.burst > 0 {
-            // Those after the first one belong to it.
-            let is_new = missing(first) < self.burst;
-            self.burst -= 1;
-            Fence { frame: first, is_new }
-        } else {
-            let best = from_next.min_by_key(|(_, frame)| missing(frame));
-            let (index, frame) = best
-                .filter(|(_, frame)| missing(frame) < MAX_MISSING)
-                .unwrap_or_else(|| {
-                    self.is_silent = true;
-                    (0, last)
-                });
-            (self.last, self.index) = (index, index + 1);
-            Fence { frame, is_new: false }
+        let best = from_next.min_by_key(|(_, frame)| missing(frame));
+        let fence = match best.filter(|(_, frame)| missing(frame) < MAX_MISSING) {
+            Some((index, frame)) => {
+                (self.line, self.back) = (Line::Heard, None);
+                (self.last, self.index) = (index, index + 1);
+                Fence { frame, is_new: false }
+            }
+            None => {
+                let is_back = self.line == Line::Back;
+                // Until it is answered.
+                self.line = Line::Silent;
+                Fence {
+                    frame: if is_back { first } else { last },
+                    // Those after the first one belong to it.
+                    is_new: is_back && exchange.open(Who::Fence) < Self::places::<M>(),
+                }
+            }
         };
         self.writing = Some((fence, 0));
     }
@@ -146,39 +161,38 @@ impl Fences {
         let (fence, at) = self.writing.as_mut()?;
         *at = at.saturating_add(n);
         let complete = (*at >= fence.frame.len()).then_some(*fence)?;
+        let pause = self.pause.max(latency).min(longest).max(PAUSE);
         self.writing = None;
-        self.sent = now;
-        if self.burst == 0 {
-            let pause = self.pause.max(latency).min(longest).max(PAUSE);
-            (self.due, self.pause) = (now + pause, pause + pause);
-        }
+        (self.sent, self.due, self.pause) = (now, now + pause, pause + pause);
         Some(complete)
     }
 
     /// A fence was answered at `now`.
-    pub(crate) fn answered<M: Messages, const N: usize>(
+    pub(crate) fn answered<const N: usize, M: Messages>(
         &mut self,
-        messages: &M,
         exchange: &Exchange<M, Who, N>,
         now: Instant,
+        window: Duration,
     ) {
         self.is_answered = true;
         // The same one again, if no other is better: its answer tells of those that went out before its last one.
         self.index = self.last;
         self.pause = PAUSE.max(now.since(self.sent));
         // The others may be answered, too.
-        let are_all_answered = exchange.open(Who::Fence) == 0;
-        self.due = if are_all_answered { now } else { now + self.pause };
-        if core::mem::take(&mut self.is_silent)
-            && let Some(first) = M::FENCES.first().and_then(|frame| messages.request(frame))
-        {
-            self.burst = exchange.missing_answers(first.key).saturating_add(1);
-            self.due = now;
+        self.due = match exchange.open(Who::Fence) {
+            0 => now,
+            _ => self.due.min(now + self.pause),
+        };
+        if self.line != Line::Silent {
+            return;
         }
+        self.line = Line::Back;
+        let back = *self.back.get_or_insert(now);
+        self.is_off |= now.since(back).as_micros() > LOSSY.saturating_mul(window.as_micros());
     }
 
     /// The answer to a later request shows that this number of fences is lost.
-    pub(crate) const fn lost(&mut self, count: usize) {
+    pub(crate) const fn lost(&mut self, count: u16) {
         self.lost = self.lost.saturating_add(count);
         self.is_off |= !self.is_answered && self.lost >= MAX_LOST;
     }

@@ -436,6 +436,19 @@ fn each_reading_has_its_answer() {
 }
 
 #[test]
+fn state_is_as_old_as_the_write_that_the_program_was_interrupted_in() {
+    let mut host = Lings::new(ONCE);
+    host.client.submit(&Request::ReadJoints).unwrap();
+    assert!(matches!(host.poll(), Output::Transmit(_)));
+    let begin = host.now;
+    host.now += Duration::from_millis(500);
+    host.client.transmitted(host.now, 7).unwrap();
+    assert!(host.client.receive(host.now, &bytes(JOINTS)).is_empty());
+    assert!(matches!(host.client.poll(host.now), Output::Event(Event::Answer(_))));
+    assert_eq!(host.client.time_of_state(), Some(begin));
+}
+
+#[test]
 fn late_reading_never_satisfies_a_command() {
     let mut host = Lings::new(ONCE);
     read(&mut host);

@@ -281,15 +281,49 @@ fn repeats_take_no_more_room() {
 fn reading_waits_for_no_reading_before_it() {
     let mut line = plain();
     for at in [0, 10, 20] {
-        assert!(line.can_read(1, Usb));
+        assert!(line.can_follow(1, Usb));
         line.send(1, Usb, at);
         line.exchange.give_up(Usb);
-        assert!(!line.can_send(1, Usb) && !line.can_read(1, Can));
+        assert!(!line.can_send(1, Usb) && !line.can_follow(1, Can));
     }
     for at in [0, 10, 20] {
         assert_eq!(line.frame(1, 30), late(Usb, at), "in their order");
     }
     assert!(line.exchange.is_idle() && line.can_send(1, Usb));
+}
+
+#[test]
+fn reading_takes_the_answer_of_an_overtaken_one() {
+    let mut line = plain();
+    line.overtake(1, Usb, 0);
+    assert_eq!(line.missing(100), [Usb]);
+    assert!(!line.can_send(1, Usb) && line.can_overtake(1, Usb) && !line.can_overtake(1, Can));
+    line.overtake(1, Usb, 140);
+    assert_eq!(line.frame(1, 141), answer(Usb, 140));
+    // Its own answer is still to come.
+    assert_eq!(line.timeout(), Some(140 + 150));
+    assert!(!line.can_send(1, Usb));
+    assert_eq!(line.frame(1, 289), late(Usb, 0));
+    assert!(line.exchange.is_idle() && line.can_send(1, Usb));
+}
+
+#[test]
+fn overtaken_readings_take_the_room_of_one() {
+    let mut line = plain();
+    for n in 0..50 {
+        assert!(line.can_overtake(1, Usb), "{n}");
+        line.overtake(1, Usb, n);
+        line.exchange.give_up(Usb);
+    }
+    line.send(2, Can, 50);
+    line.send(3, Poll, 50);
+    assert!(line.can_overtake(1, Usb) && !line.can_send(4, Can));
+    line.overtake(1, Usb, 51);
+    assert_eq!(line.frame(1, 52), answer(Usb, 51));
+    for n in 0..50 {
+        assert!(matches!(line.frame(1, 52), Match::Late { .. }), "{n}");
+    }
+    assert_eq!(line.frame(1, 52), Match::Unsolicited);
 }
 
 #[test]
@@ -402,7 +436,8 @@ fn step() -> impl Strategy<Value = Step> {
     let key = prop_oneof![0..3_u8, 10..12_u8];
     prop_oneof![
         4 => (key.clone(), who.clone()).prop_map(|(key, who)| Step::Send(key, who)),
-        2 => (key.clone(), who.clone()).prop_map(|(key, who)| Step::Read(key, who)),
+        1 => (key.clone(), who.clone()).prop_map(|(key, who)| Step::Follow(key, who)),
+        1 => (key.clone(), who.clone()).prop_map(|(key, who)| Step::Overtake(key, who)),
         1 => (key.clone(), who.clone()).prop_map(|(key, who)| Step::Repeat(key, who)),
         1 => who.prop_map(Step::GiveUp),
         3 => (0..3_usize).prop_map(Step::Answer),

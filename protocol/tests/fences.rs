@@ -65,6 +65,12 @@ struct World {
     requests: usize,
 }
 
+/// The first bytes that arrive by this time.
+fn first_until(line: &mut VecDeque<(Instant, Vec<u8>)>, until: Instant) -> Option<(Instant, Vec<u8>)> {
+    let is_due = line.front().is_some_and(|(at, _)| *at <= until);
+    is_due.then(|| line.pop_front()).flatten()
+}
+
 /// The end of the request in flight.
 #[derive(Clone, Copy, Debug)]
 enum End {
@@ -100,7 +106,7 @@ impl World {
 
     /// The arm takes its bytes until this time.
     fn run_arm(&mut self, until: Instant) {
-        while let Some((at, bytes)) = self.to_arm.pop_front_if(|(at, _)| *at <= until) {
+        while let Some((at, bytes)) = first_until(&mut self.to_arm, until) {
             let mut rest = &bytes[..];
             while !rest.is_empty() {
                 rest = self.arm.receive(rest);
@@ -201,7 +207,7 @@ impl World {
     fn receive(&mut self) {
         self.run_arm(self.now);
         let mut is_empty = true;
-        while let Some((_, bytes)) = self.to_host.pop_front_if(|(at, _)| *at <= self.now) {
+        while let Some((_, bytes)) = first_until(&mut self.to_host, self.now) {
             is_empty = false;
             assert!(self.client.receive(self.now, &bytes).is_empty());
             if self.client.space().len() < MAX_FRAME {
@@ -418,10 +424,59 @@ fn arm_without_fences_is_recognised_and_read() {
     world.read_at(200, 2_000);
     assert!(!world.client.has_fences());
     assert!(world.poses.len() > 1_800, "{}", world.poses.len());
+    let oldest = world.poses.iter().map(Pose::too_old).max();
+    assert!(oldest <= Some(MS(10)), "{oldest:?}");
     for _ in 0..20 {
         world.call();
     }
     assert!(world.call().is_some());
+}
+
+#[test]
+fn line_of_any_delay_is_not_flooded() {
+    for millis in [100, 350, 750, 1_500] {
+        let faults = Faults {
+            latency: millis * 500,
+            ..NONE
+        };
+        let mut world = World::new(Config::DEFAULT, &faults, 7);
+        world.read_at(100, 2_000);
+        let answered = world.requests;
+        assert!(answered < 5_000, "{millis} ms: {answered} requests");
+        assert!(world.poses.iter().all(|pose| pose.too_young() <= MS(10)));
+    }
+}
+
+#[test]
+fn call_gets_through_without_a_window() {
+    let config = Config {
+        latency: Duration::ZERO,
+        stale_window: Duration::ZERO,
+        ..Config::DEFAULT
+    };
+    let mut world = World::new(config, &NONE, 7);
+    world.read_at(200, 2);
+    world.faults.lost = 100;
+    world.read_at(200, 1);
+    world.faults.lost = 0;
+    world.call().expect("an answer");
+}
+
+#[test]
+fn pause_of_the_program_delays_no_fence() {
+    let faults = Faults {
+        stalls: vec![(100, 50)],
+        ..NONE
+    };
+    let mut world = World::new(Config::DEFAULT, &faults, 7);
+    world.read_at(200, 22);
+    world.now += MS(60_000);
+    world.faults.lost = 100;
+    world.read_at(200, 1);
+    world.faults.lost = 0;
+    let begin = world.now;
+    world.call().expect("an answer");
+    assert!(world.now.since(begin) < MS(50), "{:?}", world.now.since(begin));
 }
 
 #[test]
@@ -435,4 +490,18 @@ fn arm_that_answers_out_of_order_is_recognised_and_read() {
     world.read_at(200, 2_000);
     assert!(world.client.out_of_order() > 0 && !world.client.has_fences());
     assert!(world.poses.len() > 1_000, "{}", world.poses.len());
+}
+
+#[test]
+fn line_that_loses_most_answers_gives_some() {
+    for lost in [40, 60, 80] {
+        let faults = Faults { lost, ..NONE };
+        let mut world = World::new(Config::DEFAULT, &faults, 5);
+        let begin = world.now;
+        let mut answered = 0;
+        while world.now.since(begin) < MS(60_000) {
+            answered += u64::from(world.call().is_some());
+        }
+        assert!(answered > 100 - lost, "{lost} %: {answered}");
+    }
 }

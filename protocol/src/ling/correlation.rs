@@ -24,6 +24,11 @@ pub struct Key {
 impl Correlation for Ling {
     type Key = Key;
 
+    /// No document says so. An answer out of order is counted: see [`out_of_order`](crate::exchange::Exchange::out_of_order).
+    fn keeps_order(&self) -> bool {
+        true
+    }
+
     fn request(&self, frame: &[u8]) -> Option<InfoOf<Self>> {
         let &[_, command, function, _, data, ..] = frame else {
             return None;

@@ -43,6 +43,10 @@ impl<const NUMBERED: bool> Correlation for Bytes<NUMBERED> {
     const HAS_TRANSACTION_ID: bool = NUMBERED;
     type Key = u8;
 
+    fn keeps_order(&self) -> bool {
+        !NUMBERED
+    }
+
     fn request(&self, frame: &[u8]) -> Option<RequestInfo<u8, u8>> {
         frame.first().map(|key| info(*key))
     }
@@ -104,8 +108,17 @@ impl<D: Correlation<Key = u8, Expect = u8>, I: Copy + Eq> Line<D, I> {
         self.exchange.begin(info(key), who, self.handover(at))
     }
 
-    pub fn can_read(&self, key: u8, who: I) -> bool {
-        self.exchange.can_read(&info(key), who)
+    pub fn can_follow(&self, key: u8, who: I) -> bool {
+        self.exchange.can_follow(&info(key), who)
+    }
+
+    pub fn can_overtake(&self, key: u8, who: I) -> bool {
+        self.exchange.can_overtake(&info(key), who)
+    }
+
+    /// Hands over a reading at this time, which overtakes those before it.
+    pub fn overtake(&mut self, key: u8, who: I, at: u64) {
+        self.exchange.overtake(info(key), who, self.handover(at));
     }
 
     pub fn handover(&self, at: u64) -> Handover {
@@ -173,8 +186,9 @@ pub fn answer(who: Who, sent: u64) -> Match<Who> {
 pub enum Step {
     /// An initiator sends a request, if allowed. USB also exceeds the tracked number while no other has sends.
     Send(u8, Who),
-    /// An initiator sends a reading, if allowed.
-    Read(u8, Who),
+    /// An initiator sends a reading that follows or overtakes those before, if allowed.
+    Follow(u8, Who),
+    Overtake(u8, Who),
     /// An initiator repeats its newest unresolved request of this key, if it has one.
     Repeat(u8, Who),
     /// An initiator gives up its pending answers.
@@ -232,8 +246,8 @@ pub fn check(steps: impl IntoIterator<Item = Step>) {
     let mut line = plain();
     let mut facts: Vec<Fact> = Vec::new();
     let (mut now, mut saturated_until) = (0_u64, None::<u64>);
-    // The key of the last send that order has resolved.
-    let (mut lost, mut out_of_order) = (None::<u8>, false);
+    // The key of the last send that order has resolved, and the time by which its answer would have come.
+    let (mut lost, mut out_of_order) = (None::<(u8, u64)>, false);
     for step in steps {
         match step {
             Step::Wait(micros) => now += micros,
@@ -267,12 +281,37 @@ pub fn check(steps: impl IntoIterator<Item = Step>) {
                 assert_eq!(line.send(key, who, now), counted);
                 facts.push(Fact::new(key, who, line.offset, now, counted));
             }
-            Step::Read(key, who) => {
+            Step::Overtake(key, who) => {
+                let is_overtaken = |fact: &Fact| fact.is_open() && fact.stale && (fact.key, fact.who) == (key, who);
+                let (overtaken, rest): (Vec<_>, Vec<_>) = facts.iter().cloned().partition(is_overtaken);
+                let open: Vec<_> = rest.iter().filter(|fact| fact.is_open()).collect();
+                let has_room = open.len() + overtaken.len().min(1) < 4;
+                let free = open.iter().all(|fact| fact.lets_pass(key, who));
+                let may = saturated_until.is_none() && has_room && free;
+                assert_eq!(line.can_overtake(key, who), may, "{key:?} {who:?} {facts:?}");
+                if !may {
+                    continue;
+                }
+                line.overtake(key, who, now);
+                facts = rest;
+                facts.push(Fact::new(key, who, line.offset, now, true));
+                // One send with all their answers. The last of these may be that to the reading.
+                if let Some(first) = overtaken.first() {
+                    let mut handovers: Vec<_> = overtaken.iter().flat_map(|fact| fact.handovers.clone()).collect();
+                    *handovers.last_mut().expect("each has one") = now;
+                    facts.push(Fact {
+                        handovers,
+                        due: now + 100,
+                        ..first.clone()
+                    });
+                }
+            }
+            Step::Follow(key, who) => {
                 let open: Vec<_> = facts.iter().filter(|fact| fact.is_open()).collect();
                 let is_own = |fact: &Fact| (fact.key, fact.who) == (key, who);
                 let free = open.iter().all(|fact| is_own(fact) || fact.lets_pass(key, who));
                 let may = saturated_until.is_none() && open.len() < 4 && free;
-                assert_eq!(line.can_read(key, who), may, "{key:?} {who:?} {facts:?}");
+                assert_eq!(line.can_follow(key, who), may, "{key:?} {who:?} {facts:?}");
                 if may {
                     assert!(line.send(key, who, now));
                     facts.push(Fact::new(key, who, line.offset, now, true));
@@ -304,7 +343,7 @@ pub fn check(steps: impl IntoIterator<Item = Step>) {
                     Some(index) => answer(facts[index].who, facts[index].at),
                 };
                 assert_eq!(line.frame_from(key, offset, Some(began), now), expected);
-                let is_answer = |lost: u8| lost == key && saturated_until.is_none();
+                let is_answer = |(lost, until)| lost == key && now <= until && saturated_until.is_none();
                 out_of_order |= of.is_none() && lost.is_some_and(is_answer);
                 assert_eq!(line.exchange.out_of_order() > 0, out_of_order);
                 if let Some(index) = of {
@@ -320,7 +359,7 @@ pub fn check(steps: impl IntoIterator<Item = Step>) {
                         .filter(|fact| fact.is_open() && fact.stale && !out_of_order)
                     {
                         if fact.handovers.iter().all(|handover| *handover < at) {
-                            (fact.resolved, lost) = (true, Some(fact.key));
+                            (fact.resolved, lost) = (true, Some((fact.key, now + 100)));
                         }
                     }
                     for fact in &mut facts {
