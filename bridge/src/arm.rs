@@ -157,6 +157,13 @@ impl Framing for ArmKind {
 impl Correlation for ArmKind {
     type Key = Key;
 
+    fn keeps_order(&self) -> bool {
+        match self {
+            Self::Ling => Ling.keeps_order(),
+            Self::Alpha1 | Self::Alpha1Servo | Self::Raw => false,
+        }
+    }
+
     fn request(&self, frame: &[u8]) -> Option<Info> {
         match self {
             Self::Ling => Ling

@@ -282,13 +282,13 @@ impl Stop {
         };
     }
 
-    /// Takes the answer to a request. Returns true if it is a reading of the stop: the arm is never held where it was
-    /// before.
+    /// Takes the answer to a request. Returns true if it is a reading. Before the hold any reading of the joints counts
+    /// that was requested since the begin, and after it those of the stop only: they have its period.
     // Not inlined: it is larger than the rest of its caller.
     #[inline(never)]
     pub(in crate::line) fn on_frame(&mut self, request: Answered, frame: &[u8], at: Instant) -> bool {
         match &mut self.steps {
-            Some(steps) if request.by == Initiator::Adapter && self.begun <= request.sent => {
+            Some(steps) if self.begun <= request.sent && (!self.has_held || request.by == Initiator::Adapter) => {
                 steps.on_frame(frame, time_of_state(request.sent, at))
             }
             _ => false,
