@@ -20,7 +20,13 @@ const PATH: &str = "/usr/bin:/bin";
 const PROGRAM: &str = "without_hardware.py";
 /// Test of the plugins for LeRobot, and the files that it needs. LeRobot takes 5 GB: its stand-in is one of them.
 const PLUGINS_TEST: &str = "test_lerobot.py";
-const ITS_FILES: [&str; 4] = [PLUGINS_TEST, "conftest.py", "scripted.py", "lerobot_stand_in"];
+const ITS_FILES: [&str; 5] = [
+    PLUGINS_TEST,
+    "test_foreign.py",
+    "conftest.py",
+    "scripted.py",
+    "lerobot_stand_in",
+];
 /// The packages of the wheels.
 const PACKAGES: [&str; 3] = [
     "armwire",
