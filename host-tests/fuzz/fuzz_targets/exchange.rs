@@ -24,12 +24,13 @@ fuzz_target!(|input: &[u8]| {
 fn any_step(u: &mut Unstructured<'_>) -> Result<Step> {
     const KEYS: [u8; 5] = [0, 1, 2, 10, 11];
     const WHO: [Who; 3] = [Who::Usb, Who::Can, Who::Poll];
-    Ok(match u.int_in_range(0..=7)? {
+    Ok(match u.int_in_range(0..=8)? {
         0 | 2 => Step::Send(*u.choose(&KEYS)?, *u.choose(&WHO)?),
         1 => Step::Repeat(*u.choose(&KEYS)?, *u.choose(&WHO)?),
         3 => Step::GiveUp(*u.choose(&WHO)?),
         4 => Step::Answer(u.int_in_range(0..=7)?),
-        7 => Step::Read(*u.choose(&KEYS)?, *u.choose(&WHO)?),
+        7 => Step::Overtake(*u.choose(&KEYS)?, *u.choose(&WHO)?),
+        8 => Step::Follow(*u.choose(&KEYS)?, *u.choose(&WHO)?),
         5 => Step::Frame(*u.choose(&KEYS)?, u.int_in_range(0..=3)?, u.int_in_range(0..=60)?),
         _ => Step::Wait(u.int_in_range(0..=200)?),
     })
