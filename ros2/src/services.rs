@@ -57,6 +57,7 @@ mod tests {
     use armwire::ling::{MotionStatus, Torque};
     use armwire::time::Duration;
     use armwire_bridge::control::Stamp;
+    use armwire_host::StreamReading;
     use armwire_host::stamps::{Clock, HostTime};
 
     use super::*;
@@ -126,8 +127,9 @@ mod tests {
             };
             // The first reading arrives at once.
             let age = if millis == 0 { 0 } else { 7_000 };
-            let made = clock.host_time(Stamp(millis * 1_000 - age), received);
-            let Input::Reading { age, state, .. } = Input::reading(made, received, state) else {
+            let time = clock.host_time(Stamp(millis * 1_000 - age), received);
+            let reading = StreamReading { state, time };
+            let Input::Reading { age, state, .. } = Input::reading(reading, received) else {
                 unreachable!()
             };
             if millis == 1_000 {

@@ -187,7 +187,7 @@ mod tests {
             Ok(())
         }
 
-        fn receive(&mut self, wait: Duration) -> Result<Vec<JointState>, Error> {
+        fn receive(&mut self, wait: Duration) -> Result<Vec<StreamReading>, Error> {
             let until = self.now + wait;
             let mut readings = Vec::new();
             loop {
@@ -199,7 +199,8 @@ mod tests {
                         if item.kind == Kind::Frame
                             && let Ok(Response::Joints(state)) = Ling.parse_response(item.bytes, ())
                         {
-                            readings.push(state);
+                            let time = HostTime::now();
+                            readings.push(StreamReading { state, time });
                         }
                     }
                 }
@@ -247,8 +248,8 @@ mod tests {
         motion.accept(port.now, 0, order()).unwrap();
         let (mut worst, mut sent, mut moves) = (Duration::ZERO, port.now, 0);
         while port.now < Instant::from_millis(59_000) {
-            for state in requests.receive(port.now, &mut port).unwrap() {
-                motion.on_reading(port.now, &reading(&state));
+            for received in requests.receive(port.now, &mut port).unwrap() {
+                motion.on_reading(port.now, &reading(&received.state));
             }
             while let Some(output) = motion.poll(port.now) {
                 if let Output::Move(next) = output {

@@ -177,7 +177,7 @@ fn play(
             }
             Output::Wait(until) => {
                 for reading in stream.receive(clock.until(until).min(MAX_WAIT))? {
-                    replay.on_reading(clock.before(reading.age()), &reading.state);
+                    replay.on_reading(clock.at(reading.time), &reading.state);
                 }
                 let (at, text) = progress(replay.progress(now), length);
                 status.show_at(at.as_micros(), || text);

@@ -222,15 +222,13 @@ impl Session<'_> {
             // An arm that has answered is not waited for.
             if of_leader == 0 {
                 for reading in self.leader.receive(self.clock.until(until).min(SLICE))? {
-                    let at = self.clock.before(reading.age());
-                    self.follow.on_leader(at, &reading.state);
+                    self.follow.on_leader(self.clock.at(reading.time), &reading.state);
                     of_leader += 1;
                 }
             }
             if of_follower == 0 {
                 for reading in follower.receive(self.clock.until(until).min(SLICE))? {
-                    let at = self.clock.before(reading.age());
-                    self.follow.on_follower(at, &reading.state);
+                    self.follow.on_follower(self.clock.at(reading.time), &reading.state);
                     self.sums.lag(self.follow.lag());
                     of_follower += 1;
                 }

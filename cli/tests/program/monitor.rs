@@ -211,7 +211,7 @@ fn screen_waits_for_a_lost_port() {
 #[test]
 fn monitor_starts_on_a_noisy_line() {
     for seed in ["1", "2", "3", "4"] {
-        let arm = Arm::start("ling", "noisy", &["--faults", "20000", "--seed", seed]);
+        let arm = Arm::start("ling", "noisy", &["--faults", "10000", "--seed", seed]);
         let output = run(&["monitor", &arm.port, "--rate", "100", "--count", "2", "--json"]);
         assert!(output.status.success(), "{output:?}");
     }

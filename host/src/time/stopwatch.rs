@@ -4,6 +4,8 @@ use std::time::{Duration, Instant};
 
 use armwire::time;
 
+use super::stamps::{HostTime, monotonic};
+
 /// Stands for a time that is farther than the clock counts: 30 years.
 const FAR: Duration = Duration::from_secs(30 * 365 * 24 * 60 * 60);
 
@@ -28,9 +30,12 @@ impl Stopwatch {
         time::Instant::from_micros(self.0.elapsed().as_micros().try_into().unwrap_or(u64::MAX))
     }
 
-    /// The instant this long before now; zero if the clock was not started then.
-    pub fn before(&self, age: Duration) -> time::Instant {
-        self.now() - age.try_into().unwrap_or(time::Duration::MAX)
+    /// The instant at this time of the host; zero if the clock was not started then.
+    pub fn at(&self, time: HostTime) -> time::Instant {
+        // Not later than it was, even if this thread is interrupted here.
+        let now = self.now();
+        let age = monotonic().saturating_sub(time.monotonic_ns).try_into().unwrap_or(0);
+        now - Duration::from_nanos(age).try_into().unwrap_or(time::Duration::MAX)
     }
 
     /// Time from now to `instant`; zero if it has passed.

@@ -9,7 +9,7 @@ use armwire::ling::{JointState, Move, Request, Response};
 use super::Ling;
 use crate::error::{Error, TorqueOffEffect};
 use crate::ports::link::LineErrors;
-use crate::time::stamps::{HostTime, monotonic};
+use crate::time::stamps::HostTime;
 
 /// A Ling arm that is moved and read without waiting for answers, so that a lost one costs one reading.
 ///
@@ -30,14 +30,6 @@ pub struct StreamReading {
     pub state: JointState,
     /// Its time.
     pub time: HostTime,
-}
-
-impl StreamReading {
-    /// The time since then.
-    pub fn age(&self) -> Duration {
-        let nanos = monotonic().saturating_sub(self.time.monotonic_ns);
-        Duration::from_nanos(nanos.try_into().unwrap_or(0))
-    }
 }
 
 impl Ling {
@@ -63,7 +55,7 @@ impl Stream {
         Ok(())
     }
 
-    /// The readings that have arrived, after a wait of at most this long for the first byte.
+    /// The readings that have arrived, after a wait of at most this long for the first one.
     ///
     /// # Errors
     ///

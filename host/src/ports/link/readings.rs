@@ -4,12 +4,13 @@ use std::mem;
 use std::ops::ControlFlow::{Break, Continue};
 use std::time::{Duration, Instant};
 
-use armwire::{ErrorFrame, Event, ParseError};
+use armwire::{ErrorFrame, Event, ParseError, time};
 
 use super::Link;
 use crate::describe::Arm;
 use crate::error::Error;
 use crate::time::stamps::HostTime;
+use crate::time::stopwatch::after;
 
 /// An event during a reading.
 enum News<T> {
@@ -20,6 +21,9 @@ enum News<T> {
     ErrorFrame(ErrorFrame),
     TimedOut,
 }
+
+/// The answers that have arrived, and the time of the next part of what is due.
+type Arrived<T> = (Vec<(T, HostTime)>, Option<time::Instant>);
 
 impl<P: Arm> Link<P> {
     /// Makes one reading, as one of many at a rate, without the interrupt. Passes its answer to `take`, as converted and
@@ -98,11 +102,12 @@ impl<P: Arm> Link<P> {
         convert: impl Fn(P::Response<'_>) -> Option<T>,
     ) -> Result<Vec<(T, HostTime)>, Error> {
         self.client.submit_reading(request);
-        self.arrived(convert)
+        let (arrived, _) = self.arrived(convert)?;
+        Ok(arrived)
     }
 
     /// The answers to readings, as converted and with the time of their states, after a wait of at most this long for the
-    /// first byte.
+    /// first one.
     ///
     /// # Errors
     ///
@@ -112,12 +117,21 @@ impl<P: Arm> Link<P> {
         wait: Duration,
         convert: impl Fn(P::Response<'_>) -> Option<T>,
     ) -> Result<Vec<(T, HostTime)>, Error> {
-        self.client.receive(wait)?;
-        self.arrived(convert)
+        let (until, mut due) = (after(wait), None);
+        loop {
+            let left = until.saturating_duration_since(Instant::now());
+            let wait = due.map_or(left, |due| self.client.clock().until(due).min(left));
+            self.client.receive(wait)?;
+            let arrived;
+            (arrived, due) = self.arrived(&convert)?;
+            if !arrived.is_empty() || left.is_zero() {
+                return Ok(arrived);
+            }
+        }
     }
 
-    /// The answers that have arrived. Sends what is due.
-    fn arrived<T>(&mut self, convert: impl Fn(P::Response<'_>) -> Option<T>) -> Result<Vec<(T, HostTime)>, Error> {
+    /// The answers that have arrived. Sends what is due, and returns the time of the next part of that.
+    fn arrived<T>(&mut self, convert: impl Fn(P::Response<'_>) -> Option<T>) -> Result<Arrived<T>, Error> {
         let mut arrived = Vec::new();
         loop {
             let advanced = self.client.advance(|event| match event {
@@ -126,7 +140,7 @@ impl<P: Arm> Link<P> {
             })?;
             match advanced {
                 Break(value) => arrived.push((value, self.client.time_of_state())),
-                Continue(_) => return Ok(arrived),
+                Continue(due) => return Ok((arrived, due)),
             }
         }
     }
