@@ -30,6 +30,8 @@ NAMES = {
     b"\x06\x00": READ_JOINTS,
     b"\x06\x03": MOVE,
 }
+# The stroke, the temperatures and the velocities, which a client may read before another request.
+FENCES = {b"\x04\x0e": bytes([1]), b"\x06\x01": bytes(6), b"\x06\x02": bytes(12)}
 LOCKED = 0x01
 ROWS = Path(__file__).parents[2] / "protocol/tests/effects.txt"
 
@@ -95,6 +97,9 @@ class ScriptedArm:
             pass
 
     def _take(self, head: bytes, data: bytes) -> None:
+        if head in FENCES:
+            self._answer(head, FENCES[head])
+            return
         name = NAMES.get(head) or NAMES[head + data]
         reading = self.requests.count(READ_JOINTS)
         self.requests.append(name)
