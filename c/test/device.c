@@ -98,8 +98,10 @@ static size_t line(const uint8_t *from, size_t len, uint8_t *to)
                 at += taken;                                                                                          \
                 if (at < back) {                                                                                      \
                     CHECK_OK(armwire_##name##_client_poll(&name##_client, clock_us, &event, response));               \
-                    if (event.kind != ARMWIRE_EVENT_KIND_WAIT && event.kind != ARMWIRE_EVENT_KIND_TRANSMIT &&         \
-                        ends_request(&event, &others)) {                                                              \
+                    bool is_event = event.kind != ARMWIRE_EVENT_KIND_WAIT &&                                          \
+                                    event.kind != ARMWIRE_EVENT_KIND_RECEIVE &&                                       \
+                                    event.kind != ARMWIRE_EVENT_KIND_TRANSMIT;                                        \
+                    if (is_event && ends_request(&event, &others)) {                                                  \
                         CHECK(faults > 0);                                                                            \
                         return name##_end(event);                                                                                 \
                     }                                                                                                 \

@@ -8,7 +8,7 @@
 #define VOID 261
 /* Maximum delay of an answer: 50 ms for the arm, and latency and stale window of `armwire_config_serial`. */
 #define LONGEST_US 160000
-#define ANSWERS 64
+#define ANSWERS 256
 
 typedef struct Answer {
     uint64_t due_us;
@@ -21,12 +21,15 @@ static uint64_t clock_us;
 static ArmwireLingClient client;
 static ArmwireLingDevice device;
 
-/* The request in flight, and the number of its submission, which its answer has. */
-static bool in_flight;
+/* The request in flight, and the number of its submission, which its answer has. The port was read for it: it goes out
+ * next. */
+static bool in_flight, is_next;
 static uint32_t kind;
 static uint16_t number;
 /* Accepted bytes of a request that is not complete, and zeros that are due before any other byte. */
 static size_t part, zeros;
+/* Accepted bytes of a fence that is not complete: a read that the client sends before a request. */
+static size_t fence;
 /* Answers that have not arrived, in their order, and bytes that have arrived and were not read. */
 static Answer answers[ANSWERS];
 static size_t answers_len, unread_len;
@@ -61,25 +64,31 @@ static void submit(void)
     }
     if (!in_flight) {
         in_flight = true;
+        is_next = false;
         kind = next;
         number++;
     }
 }
 
-/* The arm answers the request in flight, if it has an answer. */
-static void answer(const ArmwireLingRequest *request)
+/* The arm answers a fence, or the request in flight, if it has an answer. */
+static void answer(const ArmwireLingRequest *request, bool is_fence)
 {
     ArmwireLingResponse response;
     Answer *next = &answers[answers_len];
-    CHECK(in_flight && request->kind == kind);
+    CHECK(is_fence || (in_flight && request->kind == kind));
     memset(&response, 0, sizeof response);
     response.servos = 6;
-    response.position_ticks[0] = response.velocity_ticks_per_s[0] = number;
-    if (kind == ARMWIRE_LING_REQUEST_KIND_SET_TORQUE || random_below(&rng, 8) == 0) {
+    response.stroke_mm = 50;
+    response.position_ticks[0] = response.velocity_ticks_per_s[0] = is_fence ? 0 : number;
+    if (request->kind == ARMWIRE_LING_REQUEST_KIND_SET_TORQUE || random_below(&rng, 8) == 0) {
         return;
     }
-    response.kind = kind == ARMWIRE_LING_REQUEST_KIND_READ_JOINTS ? ARMWIRE_LING_RESPONSE_KIND_JOINTS
-                                                                  : ARMWIRE_LING_RESPONSE_KIND_VELOCITIES;
+    switch (request->kind) {
+    case ARMWIRE_LING_REQUEST_KIND_READ_JOINTS: response.kind = ARMWIRE_LING_RESPONSE_KIND_JOINTS; break;
+    case ARMWIRE_LING_REQUEST_KIND_READ_STROKE: response.kind = ARMWIRE_LING_RESPONSE_KIND_STROKE; break;
+    case ARMWIRE_LING_REQUEST_KIND_READ_TEMPERATURES: response.kind = ARMWIRE_LING_RESPONSE_KIND_TEMPERATURES; break;
+    default: response.kind = ARMWIRE_LING_RESPONSE_KIND_VELOCITIES;
+    }
     CHECK(answers_len < ANSWERS);
     CHECK_OK(armwire_ling_device_respond(&device, &response, next->bytes, sizeof next->bytes, &next->len));
     next->due_us = clock_us + random_below(&rng, random_below(&rng, 2) == 0 ? 2000 : LONGEST_US);
@@ -125,19 +134,22 @@ static void transmit(const uint8_t *bytes, size_t len)
     ArmwireEvent event;
     ArmwireLingRequest request;
     size_t taken, accepted = 1 + random_below(&rng, (uint32_t)len);
-    CHECK(zeros > 0 ? len <= zeros : in_flight && part + len == REQUEST);
+    bool is_fence = zeros == 0 && !(in_flight && is_next);
+    CHECK(zeros > 0 ? len <= zeros : (is_fence ? fence : part) + len == REQUEST);
     for (size_t at = 0; at < accepted; at += taken) {
         CHECK(zeros == 0 || bytes[at] == 0);
         CHECK_OK(armwire_ling_device_receive(&device, bytes + at, accepted - at, &taken));
         do {
             CHECK_OK(armwire_ling_device_poll(&device, &event, &request));
             if (event.kind == ARMWIRE_EVENT_KIND_REQUEST) {
-                answer(&request);
+                answer(&request, is_fence);
             }
         } while (event.kind != ARMWIRE_EVENT_KIND_WAIT);
     }
     if (zeros > 0) {
         zeros -= accepted;
+    } else if (is_fence) {
+        fence = (fence + accepted) % REQUEST;
     } else {
         part = (part + accepted) % REQUEST;
     }
@@ -150,7 +162,10 @@ static void poll(void)
     ArmwireLingResponse response;
     CHECK_OK(armwire_ling_client_poll(&client, clock_us, &event, &response));
     switch (event.kind) {
-    case ARMWIRE_EVENT_KIND_RECEIVE: receive(); break;
+    case ARMWIRE_EVENT_KIND_RECEIVE:
+        is_next = true;
+        receive();
+        break;
     case ARMWIRE_EVENT_KIND_TRANSMIT: transmit(event.bytes, event.len); break;
     case ARMWIRE_EVENT_KIND_WAIT:
         /* A program that waits reads what arrives. This one may be slow. */
