@@ -866,7 +866,12 @@ impl<M: Messages, const N: usize> Client<M, N> {
             return None;
         }
         let out = &mut self.outgoing;
-        let fences = out.exchange.missing_answers_of(Who::Fence);
+        let has_fences = !M::FENCES.is_empty();
+        let fences = if has_fences {
+            out.exchange.missing_answers_of(Who::Fence)
+        } else {
+            0
+        };
         let first = FirstByte { offset, at: None };
         let matched = out.exchange.on_frame(&self.messages, bytes, first, now);
         match matched {
@@ -882,6 +887,9 @@ impl<M: Messages, const N: usize> Client<M, N> {
         }
         if let Match::Answer { .. } = matched {
             out.end();
+        }
+        if !has_fences {
+            return Some(matched);
         }
         if !matches!(matched, Match::Late { who: Who::Fence, .. }) {
             let left = out.exchange.missing_answers_of(Who::Fence);
