@@ -328,7 +328,7 @@ mod tests {
         };
         let mut wire = wire(
             1_000_000,
-            Line::new(LingArm::new(ling::Config::follower()), Rates::NONE, rates, 1),
+            Line::new(LingArm::new(ling::Config::follower()), Rates::NONE, rates, 2),
         );
         for _ in 0..100 {
             assert!(matches!(wire.call(Request::ReadJoints), Ok(Some(Response::Joints(_)))));

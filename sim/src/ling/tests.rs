@@ -466,7 +466,9 @@ proptest! {
         }
         host.device_mut().set_rates(Rates::NONE, Rates::NONE);
         host.wait(Duration::from_millis(500)); // delayed bytes and late answers
-        prop_assert!(matches!(host.call(Request::ReadJoints), Ok(Some(Response::Joints(_)))));
+        // The host may have to learn which answers are lost.
+        let mut answers = (0..5).map(|_| host.call(Request::ReadJoints));
+        prop_assert!(answers.any(|answer| matches!(answer, Ok(Some(Response::Joints(_))))));
         prop_assert!(matches!(host.call(Request::ReadInfo), Ok(Some(Response::Info(_)))));
     }
 
