@@ -643,7 +643,10 @@ impl Rig {
             if self.is_over || self.is_quiet() && self.oracle.is_idle() {
                 // Requests sent at 2400 baud have a later time limit.
                 self.run_until(self.now + QUIET);
-                return;
+                // A stop reads a slow arm for two seconds.
+                if self.is_over || self.is_quiet() {
+                    return;
+                }
             }
             assert!(self.now < limit, "the run does not end");
         }
