@@ -110,10 +110,12 @@ impl Line {
         if let Some(request) = answered {
             let frame = self.wire.bytes(span);
             is_reading = self.guard.stop.is_running() && self.guard.stop.on_frame(request, frame, at);
-            if request.by == Initiator::Adapter {
-                self.outbox.adapter_answered(frame);
+            if !request.is_late {
+                if request.by == Initiator::Adapter {
+                    self.outbox.adapter_answered(frame);
+                }
+                self.end_exchange(request.by, at);
             }
-            self.end_exchange(request.by, at);
         }
         if is_reading {
             self.step_stop(at);

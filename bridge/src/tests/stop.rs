@@ -207,6 +207,15 @@ fn reading_from_before_the_stop_is_not_held() {
 }
 
 #[test]
+fn late_reading_of_the_stop_is_held() {
+    let mut rig = rig(config());
+    rig.responder = Box::new(|request| (request == READ_JOINTS).then(|| (70_000, reading(POSE, LOCKED))));
+    rig.request(Request::Stop);
+    rig.run(75_000);
+    assert_eq!(sent(&rig), [hold(POSE, 310)]);
+}
+
+#[test]
 fn hold_is_repeated_and_never_changed() {
     let pose = |joint| {
         let mut pose = POSE;

@@ -39,6 +39,8 @@ pub(crate) struct Answered {
     pub(super) by: Initiator,
     /// The time of its last byte on the line.
     pub(super) sent: Instant,
+    /// It had timed out before.
+    pub(super) is_late: bool,
 }
 
 /// The arm's bytes, the requests in flight, and the serial port towards the host on USB.
@@ -160,18 +162,21 @@ impl Wire {
         let answered = match self.exchange.on_frame(&kind, item.bytes, first, at) {
             Match::Answer { who, sent } => {
                 journal.latencies.answer.add(at.since(sent));
-                Some(Answered { by: who, sent })
+                let is_late = false;
+                Some(Answered { by: who, sent, is_late })
             }
-            Match::Late { .. } => {
+            Match::Late { who, sent } => {
                 count(&mut journal.counters.late_answers, 1);
-                None
+                let is_late = true;
+                Some(Answered { by: who, sent, is_late })
             }
             Match::Unsolicited => {
                 count(&mut journal.counters.unsolicited_frames, 1);
                 None
             }
         };
-        let initiator = answered.map(|request| request.by);
+        let in_time = answered.filter(|request| !request.is_late);
+        let initiator = in_time.map(|request| request.by);
         match initiator {
             None | Some(Initiator::Usb) => self.to_host.pass(item.offset, item.bytes, &mut journal.counters),
             Some(_) => self.to_host.skip(item.offset, item.bytes.len()),
