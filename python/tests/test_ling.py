@@ -352,9 +352,9 @@ def test_closed_arm_raises_and_closes_twice(virtual: sim.VirtualLing) -> None:
 
 
 def test_signal_handler_cannot_block_the_call_it_interrupts() -> None:
-    with sim.ling(plant="ideal", turnaround_us=300_000) as virtual, armwire.Ling(virtual.port) as arm:
+    with sim.ling(plant="ideal", turnaround_us=40_000) as virtual, armwire.Ling(virtual.port) as arm:
         before = signal.signal(signal.SIGALRM, lambda *_: arm.set_torque(True))
-        signal.setitimer(signal.ITIMER_REAL, 0.05)
+        signal.setitimer(signal.ITIMER_REAL, 0.01)
         try:
             with pytest.raises(RuntimeError, match="a signal handler cannot call"):
                 arm.read_info()
