@@ -425,8 +425,8 @@ impl<M: Messages, const N: usize> Outgoing<M, N> {
 ///
 /// The order of answers shows that an earlier one is lost, and time does not: a line may hold its bytes back. A request
 /// that waits is preceded by a [fence](Messages::FENCES), a read with another key. An unanswered fence is followed by the
-/// next one after [`Config::latency`], and after twice that time again. An arm that answers no fence, or out of order, and a line that loses
-/// most of them, are recognised: there an answer counts as lost at the end of [`Config::stale_window`].
+/// next one after [`Config::latency`], and after twice that time again. An arm that answers no fence, or out of order, and
+/// a line that loses most of them, are recognised: there an answer counts as lost at the end of [`Config::stale_window`].
 ///
 /// # A call
 ///

@@ -226,7 +226,7 @@ impl<D: Correlation, I: Copy + Eq, const N: usize> Exchange<D, I, N> {
         if let Some(sent) = &mut overtaken {
             while let Some(other) = self.sends.remove_first_where(is_overtaken) {
                 sent.times = sent.times.saturating_add(other.times);
-                (sent.last, sent.due) = (sent.last.max(other.last), sent.due.max(other.due));
+                sent.due = sent.due.max(other.due);
             }
             // If the reading takes an earlier answer, its own is still to come.
             (sent.last, sent.due) = (handover.at, sent.due.max(handover.due));

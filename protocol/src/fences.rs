@@ -33,7 +33,7 @@ pub(crate) struct Fence {
     pub(crate) is_new: bool,
 }
 
-/// What is known of a line.
+/// The state of a line, by its fences.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Line {
     /// A fence has a key of which its answer can be told.

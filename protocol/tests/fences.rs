@@ -10,7 +10,7 @@ use armwire::{Client, Config, Device, DeviceEvent, Event, Output};
 use proptest::collection::vec;
 use proptest::prelude::*;
 
-/// What the line and the arm do to requests and answers.
+/// Faults of the line and the arm.
 #[derive(Clone, Debug)]
 struct Faults {
     /// Times at which the line holds the arm's bytes back, and for how long, in ms.
@@ -293,7 +293,7 @@ proptest! {
         prop_assert!(sampled.is_sorted());
         for pose in &world.poses {
             prop_assert!(pose.too_young() <= MS(10), "{pose:?}");
-            // What the arm does late, or after what it does late, is later than its request.
+            // A late arm samples later than its request, and so does the next reading.
             let is_prompt = faults.lost == 0 && faults.late.0 == 0;
             let limit = MS(15) + Duration::from_micros(faults.latency);
             prop_assert!(!is_prompt || pose.too_old() <= limit, "{pose:?}");
