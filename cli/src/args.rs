@@ -2,7 +2,7 @@
 
 use std::num::NonZeroU32;
 
-use armwire_host::{Adapter, Connection, Options, Port, TcpAddress, has_serial_port};
+use armwire_host::{Connection, Options, Port, TcpAddress, has_serial_port};
 use clap::{Args, ValueEnum};
 
 use crate::adapter;
@@ -28,18 +28,11 @@ pub(crate) struct Place {
 }
 
 impl Place {
-    /// The port of any other arm.
+    /// The port of any other arm, and of the adapter there.
     pub(crate) fn connect(&self) -> Result<Connection, Error> {
         let port: Port = self.port.parse()?;
-        Ok(port.open(Options::default().with_baud(self.baud.baud))?)
-    }
-
-    /// The control port of the adapter there.
-    pub(crate) fn control(&self, connection: &Connection) -> Result<Adapter, Error> {
-        match &self.control {
-            Some(port) => Ok(port.open(Options::default())?.adapter()?),
-            None => Ok(connection.adapter()?),
-        }
+        let connection = port.open(Options::default().with_baud(self.baud.baud))?;
+        Ok(connection.with_control(self.control.clone()))
     }
 
     /// The host that an xArm is on.

@@ -62,16 +62,16 @@ impl Report {
             return self.arm(XArm::connect(&place.host()?)?.link()).map(drop);
         }
         let connection = place.connect()?;
-        match place.control(&connection) {
+        match connection.adapter() {
             Ok(mut control) => self.adapter(&mut control)?,
             // A control port on the command line must work.
-            Err(error) if place.control.is_some() => return Err(error),
+            Err(error) if place.control.is_some() => return Err(error.into()),
             // There may be no adapter, or an arm that answers without it.
-            Err(Error::Host(armwire_host::Error::NoControl { .. })) => {}
-            Err(error @ Error::Host(armwire_host::Error::Usb { .. })) => {
+            Err(armwire_host::Error::NoControl { .. }) => {}
+            Err(error @ armwire_host::Error::Usb { .. }) => {
                 self.add(Fact::words("adapter", format_args!("unknown: {error}")))?;
             }
-            Err(error) => return Err(error),
+            Err(error) => return Err(error.into()),
         }
         if connection.is_control() {
             return Ok(());

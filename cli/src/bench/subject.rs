@@ -5,7 +5,7 @@ use std::time::Duration;
 use armwire::ling::{GripperSpeed, JointState, Move, Opening, Speed};
 use armwire::xarm::{Raw, Request};
 use armwire_host::describe::xarm::POSITIONS;
-use armwire_host::{Adapter, Connection, Error as Host, Ling, Rate, Readable, Reader, Shared, XArm, adapter};
+use armwire_host::{Connection, Error as Host, Ling, Rate, Readable, Reader, Shared, XArm, adapter};
 
 use super::measure::{Call, Run, measure};
 use crate::args::Place;
@@ -41,6 +41,10 @@ pub(super) struct LingArm<'a> {
 impl<'a> LingArm<'a> {
     pub(super) fn open(place: &'a Place) -> Result<Self, Error> {
         let connection = place.connect()?;
+        if place.control.is_some() {
+            // The readings would be by requests without it.
+            connection.adapter()?;
+        }
         let mut arm = connection.ling()?;
         arm.set_interrupt(signals::check);
         Ok(Self {
@@ -57,14 +61,6 @@ impl<'a> LingArm<'a> {
         self.goal = Some(goal(&state).map_err(|error| Error::at(&self.place.port, error))?);
         Ok(())
     }
-
-    /// The control port that the user names.
-    fn named_adapter(&self) -> Result<Option<Adapter>, Error> {
-        match &self.place.control {
-            Some(_) => self.place.control(&self.connection).map(Some),
-            None => Ok(None),
-        }
-    }
 }
 
 /// A move to this pose. It changes nothing: the slowest speed suffices.
@@ -77,7 +73,7 @@ fn goal(state: &JointState) -> Result<Move, armwire::OutOfRange> {
 
 impl Subject for LingArm<'_> {
     fn adapter(&self) -> Option<String> {
-        let mut control = self.place.control(&self.connection).ok()?;
+        let mut control = self.connection.adapter().ok()?;
         let identity = control.identify().ok()?;
         Some(adapter::describe(&identity).to_string())
     }
@@ -93,10 +89,7 @@ impl Subject for LingArm<'_> {
                 })
             }),
             Call::Latest => {
-                let reader = match self.named_adapter()? {
-                    Some(control) => Reader::start_with(&self.arm, control, rate)?,
-                    None => Reader::start(&self.arm, rate)?,
-                };
+                let reader = Reader::start(&self.arm, rate)?;
                 measure_reader(&reader, rate, time, || match goal {
                     Some(_) => self.arm.call(hold),
                     None => Ok(()),

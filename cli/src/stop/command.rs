@@ -69,16 +69,13 @@ impl StopArm {
 
     /// Stops the arm by the adapter's own request, whatever else runs. Returns false without an adapter that can.
     fn by_adapter(&self, connection: &Connection) -> Result<bool, Error> {
-        let stopped = self
-            .place
-            .control(connection)
-            .and_then(|mut control| Ok(control.stop()?));
+        let stopped = connection.adapter().and_then(|mut control| control.stop());
         match stopped {
             Ok(()) => {}
-            Err(Error::Host(Host::NoControl { .. })) if self.place.control.is_none() => return Ok(false),
+            Err(Host::NoControl { .. }) if self.place.control.is_none() => return Ok(false),
             // The adapter has decided, or there is no other way.
-            Err(error @ Error::Host(Host::NotStopped { .. } | Host::Refused { .. })) => return Err(error),
-            Err(error) if connection.is_control() => return Err(error),
+            Err(error @ (Host::NotStopped { .. } | Host::Refused { .. })) => return Err(error.into()),
+            Err(error) if connection.is_control() => return Err(error.into()),
             Err(error) => {
                 print_error(&format_args!("{error}; trying the arm's port"));
                 return Ok(false);

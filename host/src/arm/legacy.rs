@@ -2,13 +2,13 @@
 
 use std::time::{Duration, Instant};
 
+use armwire::Config;
 use armwire::ling::Ling;
 use armwire::ling::legacy::Detector;
 
 use crate::error::Error;
 use crate::error::text::Text;
 use crate::ports::line::{Line, Names, Reception};
-use crate::ports::link::Link;
 use crate::ports::port::Connection;
 
 /// Listening time before the first byte is sent. An older arm transmits two frames forty times a second. Two frames
@@ -28,10 +28,10 @@ struct Listened {
 /// # Errors
 ///
 /// [`Error::Legacy`], now and from every later call, when the arm is one of the older generation.
-pub(crate) fn open(connection: &Connection) -> Result<Link<Ling>, Error> {
+pub(crate) fn open(connection: &Connection) -> Result<(Box<dyn Line>, Config), Error> {
     let (line, config) = connection.line::<Ling>()?;
     let line = Listened::new(line, Instant::now())?;
-    Ok(Link::new(Box::new(line), config))
+    Ok((Box::new(line), config))
 }
 
 impl Listened {
@@ -97,6 +97,7 @@ mod tests {
 
     use super::*;
     use crate::describe::Arm;
+    use crate::ports::link::Link;
 
     /// The joint frames of an arm of the older generation.
     const JOINTS: [u8; 23] = [

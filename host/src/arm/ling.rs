@@ -1,6 +1,7 @@
 //! A Ling arm: its requests, and what a motion depends on.
 
 mod park;
+mod reopen;
 mod stream;
 mod wait;
 
@@ -29,6 +30,7 @@ use crate::time::silence::SilenceLimit;
 use crate::time::stamps::HostTime;
 
 pub use park::Parking;
+use reopen::Known;
 pub use stream::{Stream, StreamReading};
 pub use wait::{MotionReadings, Switching, Wait};
 
@@ -71,6 +73,8 @@ pub struct Ling {
     last: Option<JointState>,
     /// True if the last reading was an Alicia-D's.
     is_own: bool,
+    /// What is known of the arm, for the case that its port is lost.
+    known: Known,
     /// The adapter's refusals of motion.
     refusals: Refusals,
     /// Gets each reading of the joints.
@@ -92,8 +96,9 @@ impl Connection {
     /// The line cannot be opened. [`Error::Legacy`], now and from every later call, when the arm is one of the older
     /// generation.
     pub fn ling(&self) -> Result<Ling, Error> {
+        let (line, config) = legacy::open(self)?;
         Ok(Ling {
-            link: legacy::open(self)?,
+            link: Link::new(line, config),
             connection: self.clone(),
             gripper: None,
             target: None,
@@ -101,6 +106,7 @@ impl Connection {
             stops: 0,
             last: None,
             is_own: false,
+            known: Known::default(),
             refusals: Refusals::default(),
             on_pose: None,
         })
@@ -113,7 +119,9 @@ impl Ling {
 
     /// Reads the arm's kind, serial number and versions.
     pub fn read_info(&mut self) -> Result<Info, Error> {
-        self.link.read(&Request::ReadInfo)
+        let info: Info = self.link.read(&Request::ReadInfo)?;
+        self.known.serial = Some(info.serial);
+        Ok(info)
     }
 
     /// Reads the joint positions, the gripper and the motion status.
@@ -127,13 +135,14 @@ impl Ling {
     ///
     /// The answer may be one to an earlier request: it permits no move, and only forbids one.
     pub(crate) fn read_joints_until(&mut self, until: Instant) -> Result<bool, Error> {
-        let (on_pose, may_move) = (&mut self.on_pose, &mut self.may_move);
+        let (on_pose, may_move, known) = (&mut self.on_pose, &mut self.may_move, &mut self.known);
         let convert = |response| JointState::try_from(response).ok();
         self.link
             .read_until(&Request::ReadJoints, until, convert, |state, time| {
                 if let Some(on_pose) = on_pose {
                     on_pose(state, time);
                 }
+                known.note(state.status);
                 *may_move &= state.status.check_motion().is_ok();
             })
     }
@@ -357,6 +366,7 @@ impl Ling {
     pub fn send(&mut self, effect: Effect) -> Result<(), Error> {
         self.may_move = false;
         self.link.send(&effect.request())?;
+        self.known.torque_is_switched();
         if effect.drops_arm() {
             (self.gripper, self.target) = (None, None);
         }
@@ -425,7 +435,8 @@ impl Ling {
         }
         self.last = Some(*state);
         self.is_own = !matches!(state.status, MotionStatus::Foreign(_));
-        self.may_move = state.status.check_motion().is_ok();
+        self.known.note(state.status);
+        self.may_move = state.status.check_motion().is_ok() && !self.known.is_switched_by_others();
         if state.status.is_torque_off() {
             (self.gripper, self.target) = (None, None);
         }
@@ -484,6 +495,9 @@ impl Ling {
     /// The error of a motion that this reading forbids.
     fn immovable(&self, state: &JointState, effect: TorqueOffEffect) -> Error {
         match state.status.check_motion() {
+            Ok(()) if self.known.is_switched_by_others() => Error::TorqueSwitched {
+                name: self.link.name().into(),
+            },
             Err(reason) if !state.status.is_torque_off() => Error::Immovable {
                 name: self.link.name().into(),
                 reason,
@@ -589,6 +603,7 @@ mod tests {
             stops: 0,
             last: None,
             is_own: false,
+            known: Known::default(),
             refusals: Refusals::default(),
             on_pose: None,
         }

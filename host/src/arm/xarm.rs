@@ -12,6 +12,7 @@ use crate::arm::pose::{OnPose, XArmPose};
 use crate::describe::Arm as _;
 use crate::describe::xarm::{POSITIONS, positions_in};
 use crate::error::Error;
+use crate::error::outside::Outside;
 use crate::ports::link::{Interrupt, LineErrors, Link};
 use crate::ports::tcp::{Tcp, TcpAddress};
 
@@ -21,6 +22,9 @@ use crate::ports::tcp::{Tcp, TcpAddress};
 /// stops it.
 pub struct XArm {
     link: Link<armwire::xarm::XArm>,
+    host: TcpAddress,
+    /// The serial numbers. Empty before they were read.
+    serials: Vec<u8>,
     /// Gets each reading of the joints.
     pub(crate) on_pose: Option<OnPose<XArmPose>>,
 }
@@ -33,8 +37,40 @@ impl XArm {
     /// The host cannot be connected to.
     pub fn connect(host: &TcpAddress) -> Result<Self, Error> {
         let line = Box::new(Tcp::connect(host, false)?);
-        let link = Link::new(line, armwire::xarm::XArm::CONFIG);
-        Ok(Self { link, on_pose: None })
+        Ok(Self {
+            link: Link::new(line, armwire::xarm::XArm::CONFIG),
+            host: host.clone(),
+            serials: Vec::new(),
+            on_pose: None,
+        })
+    }
+
+    /// Reads the serial numbers, by which the arm is known after its connection was lost.
+    pub(crate) fn identify(&mut self) -> Result<(), Error> {
+        if self.serials.is_empty() {
+            self.serials = self.read_serials(|serials| serials.0.to_vec())?.value;
+        }
+        Ok(())
+    }
+
+    /// Closes the connection. Calls fail with this reason, as [`Error::Lost`].
+    pub(crate) fn disconnect(&mut self, reason: Outside) {
+        self.link.disconnect(reason);
+    }
+
+    /// Connects again, after a loss, and reads whether the arm is the one with the serial numbers that were read before.
+    pub(crate) fn reopen(&mut self) -> Result<(), Error> {
+        self.disconnect("the connection is being opened again".into());
+        let line = Box::new(Tcp::connect(&self.host, false)?);
+        self.link.replace_line(line, armwire::xarm::XArm::CONFIG);
+        let now = self.read_serials(|serials| serials.0.to_vec())?.value;
+        match self.serials == now {
+            true => Ok(()),
+            false => Err(Error::lost(
+                self.name(),
+                "another arm is on this host than before, or it was not known",
+            )),
+        }
     }
 
     /// Sets the protocol id of later requests.

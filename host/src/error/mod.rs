@@ -52,8 +52,10 @@ pub enum Error {
     ErrorFrame { name: Outside, frame: ErrorFrame },
     /// The program's [interrupt](crate::Interrupt) returned this error.
     Interrupted(Box<dyn error::Error + Send + Sync>),
-    /// The port or the connection is gone that was open: it may come back.
+    /// The port or the connection is gone that was open, or its arm: it may come back.
     Lost { name: Outside, reason: Outside },
+    /// The torque is on. It was off before the port was lost, and nobody here switched it: nothing was sent.
+    TorqueSwitched { name: Outside },
     /// Another program uses the port, or this process does. `user` describes it.
     InUse { name: Outside, user: Outside },
     /// The port accepts no bytes.
@@ -207,6 +209,10 @@ impl Error {
                 at(name, &what)
             }
             Self::Interrupted(reason) => reason.to_string().into(),
+            Self::TorqueSwitched { name } => {
+                let what = "the torque is on, and was off before the port was lost, so nothing was sent";
+                at(name, what).remedy(Remedy::TorqueOn)
+            }
             Self::InUse { name, user } => at(name, &format!("in use by {user}: close that one first")),
             Self::Stuck { name } => at(name, "the port accepts no bytes: is the adapter stuck?"),
             Self::Legacy { name, legacy } => at(name, &format!("this is {legacy}")).remedy(Remedy::Listen),

@@ -8,6 +8,7 @@ pub(crate) mod hid;
 pub(crate) mod line;
 pub mod line_reservation;
 pub(crate) mod link;
+pub(crate) mod lost_line;
 pub(crate) mod port;
 mod port_user;
 mod serial;

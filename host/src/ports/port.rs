@@ -343,6 +343,15 @@ impl Connection {
         })
     }
 
+    /// Opens the bus of a port on CAN again, after everything else on the old one was closed. Does nothing otherwise.
+    pub(crate) fn reopen(&mut self) -> Result<(), Error> {
+        if let Port::Can { .. } | Port::Slcan { .. } = self.port {
+            self.bus = None;
+            self.bus = self.port.open(Options::default().with_baud(self.baud))?.bus;
+        }
+        Ok(())
+    }
+
     /// The connection to an adapter whose control port is this one, such as a virtual board's.
     #[must_use]
     pub fn with_control(self, control: Option<Port>) -> Self {
@@ -441,8 +450,11 @@ impl Connection {
     }
 
     fn on_can(&self, node: Node, tx: Function, rx: Function) -> Result<CanLine, Error> {
-        let bus = self.bus.as_ref().expect("a port on CAN has a bus");
-        CanLine::new(self.port.to_string(), bus, node, tx, rx)
+        let name = self.port.to_string();
+        match &self.bus {
+            Some(bus) => CanLine::new(name, bus, node, tx, rx),
+            None => Err(Error::lost(&name, "the bus is not open")),
+        }
     }
 }
 

@@ -17,7 +17,7 @@ pub trait Tap: Send {
 
 /// A line that may have a tap.
 pub(crate) struct Tapped {
-    line: Box<dyn Line>,
+    pub(crate) line: Box<dyn Line>,
     pub(crate) tap: Option<Box<dyn Tap>>,
 }
 

@@ -1,7 +1,7 @@
 //! The newest readings of an arm, which callers get without waiting.
 
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Condvar, Mutex, OnceLock, PoisonError, RwLock};
+use std::sync::{Condvar, Mutex, PoisonError, RwLock};
 use std::time::{Duration, Instant};
 
 use super::{Counts, End, Reading, Stamping};
@@ -40,8 +40,8 @@ pub(super) struct History<P> {
     newest: AtomicU64,
     lost: AtomicU64,
     missed: AtomicU64,
-    /// The reason why there will be no more readings.
-    end: OnceLock<End>,
+    /// The reason why there are no more readings.
+    end: RwLock<Option<End>>,
     /// For callers that wait for the next one.
     gate: Mutex<()>,
     changed: Condvar,
@@ -54,7 +54,7 @@ impl<P: Pose> History<P> {
             newest: AtomicU64::new(0),
             lost: AtomicU64::new(0),
             missed: AtomicU64::new(0),
-            end: OnceLock::new(),
+            end: RwLock::new(None),
             gate: Mutex::new(()),
             changed: Condvar::new(),
         }
@@ -85,9 +85,9 @@ impl<P: Pose> History<P> {
         self.missed.fetch_add(missed, Ordering::Relaxed);
     }
 
-    /// There will be no more readings, for this reason. A first reason stays.
-    pub(super) fn end(&self, reason: End) {
-        let _ = self.end.set(reason);
+    /// There are no more readings, for this reason, or there are again.
+    pub(super) fn set_end(&self, reason: Option<End>) {
+        *self.end.write().unwrap_or_else(PoisonError::into_inner) = reason;
         self.notify();
     }
 
@@ -145,8 +145,8 @@ impl<P: Pose> History<P> {
                 }
                 continue;
             }
-            if let Some(reason) = self.end.get() {
-                return Err(Missing::Ended(reason.clone()));
+            if let Some(reason) = self.end() {
+                return Err(Missing::Ended(reason));
             }
             let left = until.saturating_duration_since(Instant::now());
             if left.is_zero() {
@@ -157,10 +157,14 @@ impl<P: Pose> History<P> {
         }
     }
 
+    fn end(&self) -> Option<End> {
+        self.end.read().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
     /// The newest reading. After the end, which is newer, there is none.
     fn newest(&self, now: i64) -> Result<Reading<P>, Missing> {
-        if let Some(end) = self.end.get() {
-            return Err(Missing::Ended(end.clone()));
+        if let Some(end) = self.end() {
+            return Err(Missing::Ended(end));
         }
         loop {
             let number = self.newest.load(Ordering::Acquire);
@@ -351,7 +355,7 @@ mod tests {
     #[test]
     fn end_of_readings_is_the_reason() {
         let history = history(&[(0, 1_000)]);
-        history.end(End::Closed);
+        history.set_end(Some(End::Closed));
         let ended = Missing::Ended(End::Closed);
         assert_eq!(history.latest(10 * MS, LIMIT).unwrap_err(), ended);
         assert_eq!(history.at(0, 10 * MS, LIMIT).unwrap_err(), ended);

@@ -1,45 +1,43 @@
 //! The newest pose of an arm, read by a thread of its own.
 //!
-//! [`pose`] has what is read, and [`history`] keeps each [`reading`]. [`polled`] has the readings of an adapter.
+//! [`pose`] has what is read, and [`history`] keeps each [`reading`]. A [`session`] reads, by requests or by the polls of
+//! an adapter, which [`polled`] has.
 
 mod history;
 mod polled;
 mod pose;
 mod reading;
+mod session;
 
 use std::fmt;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::{self, JoinHandle};
-use std::time::{Duration, Instant};
-
-use armwire::time;
+use std::time::Duration;
 
 use crate::arm::ling::Ling;
 use crate::arm::shared::Shared;
 use crate::arm::xarm::XArm;
 use crate::error::Error;
-use crate::ports::control::Adapter;
-use crate::time::pace::Pace;
 use crate::time::rate::Rate;
 use crate::time::silence::SilenceLimit;
 use crate::time::stamps::monotonic;
-use crate::time::stopwatch::Stopwatch;
 use history::{History, Missing};
-use polled::Polled;
 
 pub use pose::Readable;
 use reading::End;
 pub use reading::{Counts, Reading, Stamping};
-
-/// Maximum wait for one answer, for which calls wait, too. It comes with a later reading then.
-const MAX_WAIT: time::Duration = time::Duration::from_millis(100);
+use session::{Session, Source};
 
 /// A thread that reads the pose of an arm at a rate. Callers get the newest pose without waiting. Its drop ends it.
 ///
 /// An adapter on the arm's port polls the arm by its clock, and its stamps are the times of the readings. Otherwise the
 /// thread reads, and a reading has the time of its receipt, or of its request if the answer took more than 10 ms. A lost
 /// answer costs one reading: the next one begins at its time. It is [counted](Self::counts).
+///
+/// A lost port is a state: [`latest`](Self::latest) and commands fail with [`Error::Lost`], and the port is opened again
+/// every 0.5 s. It is back when the same arm answers, by its serial number; only reads are sent until then. Nothing moves
+/// by itself afterwards, and the next move reads first.
 ///
 /// Commands go on meanwhile, through the [shared arm](Self::arm): each waits for at most one read. A read by a command is
 /// answered by what was sent after its begin. After a lost reading it waits for one more answer: see [`armwire::Client`].
@@ -97,33 +95,30 @@ impl<A: Readable> Reader<A> {
     ///
     /// [`Error::Closed`] if the arm was taken. [`Error::InUse`] while another reader reads it. Errors of the adapter.
     pub fn start(arm: &Shared<A>, rate: Rate) -> Result<Self, Error> {
-        let adapter = arm.call(|arm| match arm.adapter() {
-            Err(Error::NoControl { .. } | Error::Usb { .. } | Error::InUse { .. }) => Ok(None),
-            found => found,
-        })?;
-        match adapter {
-            Some(adapter) => match Polled::start::<A>(adapter, rate)? {
-                Some(polled) => Self::of_adapter(arm, polled, rate),
-                None => Self::of_arm(arm, rate),
-            },
-            None => Self::of_arm(arm, rate),
+        // An arm that does not tell its serial number is read all the same: its port is not opened again then.
+        let _ = arm.call(A::identify);
+        let source = Source::find(arm, rate)?;
+        let mut reader = Self {
+            arm: arm.clone(),
+            history: Arc::new(History::new()),
+            max_age: SilenceLimit::STALE.at(rate.micros()).into(),
+            stop: Arc::default(),
+            thread: None,
+        };
+        if let Source::Arm = source {
+            reader.take_poses()?;
         }
-    }
-
-    /// Starts to read this arm by the polls of this adapter, which has a control port elsewhere.
-    ///
-    /// # Errors
-    ///
-    /// As of [`start`](Self::start), and [`Error::Refused`] if the adapter is configured for another kind of arm.
-    pub fn start_with(arm: &Shared<A>, adapter: Adapter, rate: Rate) -> Result<Self, Error> {
-        let name = adapter.name().to_owned();
-        match Polled::start::<A>(adapter, rate)? {
-            Some(polled) => Self::of_adapter(arm, polled, rate),
-            None => Err(Error::refused(
-                &name,
-                "the adapter is configured for another kind of arm",
-            )),
-        }
+        let session = Session {
+            arm: arm.clone(),
+            rate,
+            history: Arc::clone(&reader.history),
+            stop: Arc::clone(&reader.stop),
+        };
+        let thread = thread::Builder::new().name("armwire reader".to_owned());
+        let spawned = thread.spawn(move || session.run(source));
+        let no_thread = |error| Error::at(reader.arm.name(), format_args!("no thread for the reader: {error}"));
+        reader.thread = Some(spawned.map_err(no_thread)?);
+        Ok(reader)
     }
 
     /// The arm, for commands.
@@ -135,8 +130,8 @@ impl<A: Readable> Reader<A> {
     ///
     /// # Errors
     ///
-    /// [`Error::NoPose`] if it is older, or if there is none yet. [`Error::Lost`], [`Error::Legacy`] or
-    /// [`Error::Closed`] at once after the end of the reader.
+    /// [`Error::NoPose`] if it is older, or if there is none yet. [`Error::Lost`] at once while the port is lost,
+    /// [`Error::Legacy`] and [`Error::Closed`] after the end of the reader.
     pub fn latest(&self) -> Result<Reading<A::Pose>, Error> {
         self.latest_within(self.max_age)
     }
@@ -182,57 +177,17 @@ impl<A: Readable> Reader<A> {
         arm.take()
     }
 
-    /// Reads by requests of its own.
-    fn of_arm(arm: &Shared<A>, rate: Rate) -> Result<Self, Error> {
-        let reader = Self::new(arm, rate);
-        let history = Arc::clone(&reader.history);
-        arm.call(|arm| {
+    /// Takes each pose that the arm reports.
+    fn take_poses(&self) -> Result<(), Error> {
+        let history = Arc::clone(&self.history);
+        self.arm.call(|arm| {
             if arm.on_pose().is_some() {
                 let (name, user) = (arm.name().into(), "another reader of this program".into());
                 return Err(Error::InUse { name, user });
             }
             *arm.on_pose() = Some(Box::new(move |pose, time| history.push(pose, time, Stamping::Receipt)));
             Ok(())
-        })?;
-        let arm = arm.clone();
-        reader.spawn(move |history, stop| {
-            read(&arm, rate, history, stop);
-            let _ = arm.call(|arm| {
-                *arm.on_pose() = None;
-                Ok::<_, Error>(())
-            });
         })
-    }
-
-    /// Reads by the polls of an adapter.
-    fn of_adapter(arm: &Shared<A>, mut polled: Polled, rate: Rate) -> Result<Self, Error> {
-        arm.call(|arm| {
-            arm.lend(polled.adapter());
-            Ok::<_, Error>(())
-        })?;
-        Self::new(arm, rate).spawn(move |history, stop| polled.run::<A>(history, stop))
-    }
-
-    fn new(arm: &Shared<A>, rate: Rate) -> Self {
-        Self {
-            arm: arm.clone(),
-            history: Arc::new(History::new()),
-            max_age: SilenceLimit::STALE.at(rate.micros()).into(),
-            stop: Arc::default(),
-            thread: None,
-        }
-    }
-
-    fn spawn(mut self, run: impl FnOnce(&History<A::Pose>, &AtomicBool) + Send + 'static) -> Result<Self, Error> {
-        let (history, stop) = (Arc::clone(&self.history), Arc::clone(&self.stop));
-        let thread = thread::Builder::new().name("armwire reader".to_owned());
-        let spawned = thread.spawn(move || {
-            run(&history, &stop);
-            history.end(End::Closed);
-        });
-        let no_thread = |error| Error::at(self.arm.name(), format_args!("no thread for the reader: {error}"));
-        self.thread = Some(spawned.map_err(no_thread)?);
-        Ok(self)
     }
 
     fn found<T>(&self, found: Result<T, Missing>) -> Result<T, Error> {
@@ -263,34 +218,5 @@ impl<A: Readable> fmt::Debug for Reader<A> {
             .field("arm", &self.arm)
             .field("counts", &self.counts())
             .finish_non_exhaustive()
-    }
-}
-
-/// Reads the arm at this rate until the stop, or until no later reading can succeed.
-fn read<A: Readable>(arm: &Shared<A>, rate: Rate, history: &History<A::Pose>, stop: &AtomicBool) {
-    let clock = Stopwatch::start();
-    let mut pace = Pace::new(rate);
-    while !stop.load(Ordering::Relaxed) {
-        let left = clock.until(pace.next());
-        if !left.is_zero() {
-            thread::park_timeout(left);
-            continue;
-        }
-        let answered = arm.read(|arm| {
-            let now = clock.now();
-            history.add_missed(pace.begin(now).unwrap_or(0));
-            let until = pace.next().min(now + MAX_WAIT);
-            arm.read_pose(Instant::now() + until.since(now).into())
-        });
-        let is_answered = match answered {
-            Ok(is_answered) => is_answered,
-            Err(error) => match End::by(error) {
-                Some(end) => return history.end(end),
-                None => false,
-            },
-        };
-        if !is_answered {
-            history.add_lost(1);
-        }
     }
 }

@@ -57,7 +57,7 @@ impl Polled {
     }
 
     /// Adds readings until the stop, or until no later one can succeed.
-    pub(super) fn run<A: Readable>(&mut self, history: &History<A::Pose>, stop: &AtomicBool) {
+    pub(super) fn run<A: Readable>(&mut self, history: &History<A::Pose>, stop: &AtomicBool) -> End {
         let mut silent_waits = 0;
         while !stop.load(Ordering::Relaxed) {
             let event = self.adapter.read(|adapter| adapter.next_event(EVENT_TIMEOUT));
@@ -81,12 +81,13 @@ impl Polled {
             };
             if let Err(error) = result {
                 match End::by(error) {
-                    Some(end) => return history.end(end),
+                    Some(end) => return end,
                     // Dropped events, or a message that cannot be read.
                     None => thread::park_timeout(ERROR_PAUSE),
                 }
             }
         }
+        End::Closed
     }
 
     /// Makes the adapter poll and subscribes, also after its restart. Returns false if it has another kind of arm.
@@ -170,7 +171,6 @@ mod tests {
     use armwire_bridge::config::{ArmKind, Config};
     use armwire_bridge::control::{FrameBytes, FromAdapter, FromHost, Reply, Request};
 
-    use super::super::history::Missing;
     use super::*;
     use crate::arm::ling::Ling;
     use crate::ports::control::{Received, Transport};
@@ -262,13 +262,12 @@ mod tests {
             .unwrap();
         assert_eq!(config.lock().unwrap().poll, Poll::Hertz(200));
         let history = History::new();
-        polled.run::<Ling>(&history, &AtomicBool::new(false));
+        let end = polled.run::<Ling>(&history, &AtomicBool::new(false));
+        assert_eq!(end, End::Lost("gone".into()));
         let readings = [1, 2, 3].map(|number| history.next_after(number - 1, Duration::ZERO).unwrap().unwrap());
         assert_eq!(readings.map(|reading| reading.pose), [1, 2, 3].map(state));
         assert!(readings.iter().all(|reading| reading.stamping == Stamping::Adapter));
         assert_eq!((history.counts().samples, history.counts().lost), (3, 1));
-        let ended = history.next_after(3, Duration::MAX).unwrap_err();
-        assert_eq!(ended, Missing::Ended(End::Lost("gone".into())));
         drop(polled);
         assert_eq!(config.lock().unwrap().poll, Poll::Off, "as it was");
     }

@@ -11,6 +11,7 @@ use crate::arm::pose::{OnPose, Pose, XArmPose};
 use crate::arm::shared::Shared;
 use crate::arm::xarm::XArm;
 use crate::error::Error;
+use crate::error::outside::Outside;
 use crate::ports::control::Adapter;
 
 /// An arm whose pose can be read at a rate.
@@ -46,6 +47,23 @@ pub trait Readable: Send + 'static {
     /// Errors of the line, and an answer that cannot be accepted.
     fn read_pose(&mut self, until: Instant) -> Result<bool, Error>;
 
+    /// Reads what the arm is known by after its port was lost, if it was not read before.
+    ///
+    /// # Errors
+    ///
+    /// As of a call.
+    fn identify(&mut self) -> Result<(), Error>;
+
+    /// Closes the port. Calls fail with this reason, as [`Error::Lost`].
+    fn disconnect(&mut self, reason: Outside);
+
+    /// Opens the port again, and compares the arm with what [`identify`](Self::identify) has read. Only reads are sent.
+    ///
+    /// # Errors
+    ///
+    /// The port cannot be opened, or the arm does not answer. [`Error::Lost`] if it is another one, or not known.
+    fn reopen(&mut self) -> Result<(), Error>;
+
     /// The recipient of each pose, of all reads. `None` without one.
     fn on_pose(&mut self) -> &mut Option<OnPose<Self::Pose>>;
 }
@@ -75,6 +93,18 @@ impl Readable for Ling {
         self.read_joints_until(until)
     }
 
+    fn identify(&mut self) -> Result<(), Error> {
+        self.identify()
+    }
+
+    fn disconnect(&mut self, reason: Outside) {
+        self.disconnect(reason);
+    }
+
+    fn reopen(&mut self) -> Result<(), Error> {
+        self.reopen()
+    }
+
     fn on_pose(&mut self) -> &mut Option<OnPose<JointState>> {
         &mut self.on_pose
     }
@@ -101,6 +131,18 @@ impl Readable for XArm {
 
     fn read_pose(&mut self, until: Instant) -> Result<bool, Error> {
         self.read_joints_until(until)
+    }
+
+    fn identify(&mut self) -> Result<(), Error> {
+        self.identify()
+    }
+
+    fn disconnect(&mut self, reason: Outside) {
+        self.disconnect(reason);
+    }
+
+    fn reopen(&mut self) -> Result<(), Error> {
+        self.reopen()
     }
 
     fn on_pose(&mut self) -> &mut Option<OnPose<XArmPose>> {

@@ -304,7 +304,8 @@ mod tests {
         assert!(outcome.is_shown, "{outcome}");
         let seen = seen.lock().unwrap();
         assert_eq!(seen.dropped_at, Some(2_068));
-        assert!(seen.standing >= 8, "{seen:?}");
+        // A rest of 0.2 s has at least three readings, 0.15 s apart.
+        assert!(seen.standing >= 3, "{seen:?}");
 
         let (mut arm, seen) = slow(2_060);
         let error = arm.park(POSE, 3, Duration::from_secs(5)).unwrap_err();

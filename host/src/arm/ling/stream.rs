@@ -118,6 +118,18 @@ impl Stream {
         Ok(())
     }
 
+    /// Opens the port again, after a loss: see [`Ling::reopen`].
+    ///
+    /// # Errors
+    ///
+    /// As of [`Ling::reopen`].
+    pub fn reopen(&mut self) -> Result<(), Error> {
+        self.arrived.clear();
+        self.arm.reopen()?;
+        self.state = self.arm.last;
+        Ok(())
+    }
+
     /// The arm, to be called. No call takes an answer to the stream for its own.
     pub fn into_arm(self) -> Ling {
         self.arm

@@ -1,5 +1,6 @@
 //! A client, and the line whose bytes it takes and gives.
 
+use std::mem;
 use std::ops::ControlFlow;
 use std::time::Duration;
 
@@ -48,6 +49,15 @@ impl<P: Arm> LineClient<P> {
             errors: LineErrors::default(),
             interrupter: Interrupter::default(),
         }
+    }
+
+    /// Goes on with this line, without the requests on the one before. The tap and the interrupt stay.
+    pub(super) fn replace_line(&mut self, line: Box<dyn Line>, config: Config) {
+        self.errors = self.errors();
+        self.line.line = line;
+        self.client = Client::new(mem::take(self.client.messages_mut()), config);
+        self.unread.clear();
+        (self.received, self.kept) = (0, Vec::new());
     }
 
     pub(super) fn messages_mut(&mut self) -> &mut P {
@@ -191,7 +201,7 @@ impl<P: Arm> LineClient<P> {
 
     pub(super) fn errors(&self) -> LineErrors {
         LineErrors {
-            out_of_order: self.client.out_of_order().into(),
+            out_of_order: self.errors.out_of_order + usize::from(self.client.out_of_order()),
             ..self.errors
         }
     }

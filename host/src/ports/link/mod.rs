@@ -21,7 +21,9 @@ use armwire::Config;
 
 use crate::describe::Arm;
 use crate::error::Error;
+use crate::error::outside::Outside;
 use crate::ports::line::Line;
+use crate::ports::lost_line::LostLine;
 use crate::ports::tap::Tap;
 use crate::time::stamps::HostTime;
 pub use interrupt::Interrupt;
@@ -42,6 +44,18 @@ impl<P: Arm> Link<P> {
             client: LineClient::new(line, config),
             stale_window: config.stale_window.into(),
         }
+    }
+
+    /// Goes on with this line, which has the timing in `config`. The tap and the interrupt stay.
+    pub(crate) fn replace_line(&mut self, line: Box<dyn Line>, config: Config) {
+        self.stale_window = config.stale_window.into();
+        self.client.replace_line(line, config);
+    }
+
+    /// Closes the port. Calls fail with this reason as [`Error::Lost`].
+    pub(crate) fn disconnect(&mut self, reason: Outside) {
+        let name = self.name().to_owned();
+        self.replace_line(Box::new(LostLine { name, reason }), P::CONFIG);
     }
 
     /// The protocol, to change what the next requests are like.
