@@ -19,7 +19,8 @@ mod xarm;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
-use armwire_host::XArm;
+use armwire::ling::SerialNumber;
+use armwire_host::{Error as Host, Ling, XArm};
 use clap::Args;
 
 use crate::args::{LiveArm, Place};
@@ -60,6 +61,9 @@ pub(crate) struct Readings {
     /// Stop after this many readings. Without it: q or Ctrl-C.
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..))]
     count: Option<u64>,
+    /// End with an error when the port is lost. Without it: wait until the port is back.
+    #[arg(long)]
+    exit_on_loss: bool,
     /// Send nothing to the arm: take each reading that the adapter receives for its polls or for other hosts, with the
     /// adapter's stamps. The arm's port stays free for another program.
     #[arg(long, conflicts_with_all = ["rate", "arm"])]
@@ -80,21 +84,24 @@ impl Readings {
         let mut session = Session::new(&self.place.port, form, self.count, stop);
         let mut recorder = Recorder::new(mcap);
         let mut is_legacy = self.place.arm == LiveArm::LingLegacy;
+        let mut serial = None;
         let end = loop {
-            let watched = self.open(form, is_legacy, &recorder).and_then(|mut watched| {
-                recorder.create()?;
-                let shown = session.watch(&mut watched, rate, &mut recorder);
-                match &watched.connection {
-                    Some(connection) => shown.map_err(|error| error.explained(|error| connection.explain(error))),
-                    None => shown,
-                }
-            });
+            let watched = self
+                .open(form, is_legacy, &mut serial, &recorder)
+                .and_then(|mut watched| {
+                    recorder.create()?;
+                    let shown = session.watch(&mut watched, rate, &mut recorder);
+                    match &watched.connection {
+                        Some(connection) => shown.map_err(|error| error.explained(|error| connection.explain(error))),
+                        None => shown,
+                    }
+                });
             match watched {
-                Err(Error::Host(armwire_host::Error::Legacy { name, legacy })) if !is_legacy => {
+                Err(Error::Host(Host::Legacy { name, legacy })) if !is_legacy => {
                     session.notify(format!("{name}: this is {legacy}"))?;
                     is_legacy = true;
                 }
-                Err(error) if session.may_come_back(&error) => {
+                Err(error) if !self.exit_on_loss && session.may_come_back(&error) => {
                     match recorder.write().and_then(|()| session.wait_for_port(&error)) {
                         Ok(false) => {}
                         Ok(true) => break Ok(()),
@@ -109,10 +116,16 @@ impl Readings {
         end.and(recorded)
     }
 
-    /// Opens the source, and the adapter if there is one.
-    fn open(&self, form: Form, is_legacy: bool, recorder: &Recorder) -> Result<Watched, Error> {
+    /// Opens the source, and the adapter if there is one. A Ling arm must be the one with the serial number of before.
+    fn open(
+        &self,
+        form: Form,
+        is_legacy: bool,
+        serial: &mut Option<SerialNumber>,
+        recorder: &Recorder,
+    ) -> Result<Watched, Error> {
         if self.from_adapter {
-            let control = self.place.control(&self.place.connect()?)?;
+            let control = self.place.connect()?.adapter()?;
             let source = adapter::open(control, recorder)?;
             return Ok(Watched {
                 source,
@@ -133,9 +146,13 @@ impl Readings {
         let source: Box<dyn Source> = match self.place.arm {
             LiveArm::Alpha1 => Box::new(Polled(recorder.tapped(connection.alpha1()?.into_link()))),
             _ if is_legacy => Box::new(legacy::Listener::new(recorder.tapped(connection.legacy()?))),
-            _ => Box::new(Polled(recorder.tapped(connection.ling()?.into_link()))),
+            _ => {
+                let mut arm = connection.ling()?;
+                identify(&mut arm, serial)?;
+                Box::new(Polled(recorder.tapped(arm.into_link())))
+            }
         };
-        let adapter = match self.place.control(&connection) {
+        let adapter = match connection.adapter() {
             // A control port that the user names must have an adapter that answers.
             control if self.place.control.is_some() => {
                 let mut control = control?;
@@ -143,7 +160,7 @@ impl Readings {
                 Some(Ok(control))
             }
             _ if form != Form::Screen => None,
-            Err(Error::Host(armwire_host::Error::NoControl { .. })) => None,
+            Err(Host::NoControl { .. }) => None,
             control => Some(control),
         };
         Ok(Watched {
@@ -151,5 +168,21 @@ impl Readings {
             adapter,
             connection: Some(connection),
         })
+    }
+}
+
+/// Reads the serial number of an arm, or compares it with that of before.
+fn identify(arm: &mut Ling, serial: &mut Option<SerialNumber>) -> Result<(), Host> {
+    match serial {
+        Some(serial) => arm.require_serial(*serial),
+        None => match arm.read_info() {
+            Ok(info) => {
+                *serial = Some(info.serial);
+                Ok(())
+            }
+            // An arm that is off, or on a noisy line, is waited for.
+            Err(Host::NoAnswer { .. }) => Ok(()),
+            Err(error) => Err(error),
+        },
     }
 }

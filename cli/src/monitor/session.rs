@@ -28,7 +28,7 @@ pub(crate) const RETRY_PERIOD: Duration = Duration::from_millis(500);
 pub(super) struct Watched {
     pub(super) source: Box<dyn Source>,
     /// The adapter, unless it is the source, or the error of its port: a monitor works without it.
-    pub(super) adapter: Option<Result<armwire_host::Adapter, Error>>,
+    pub(super) adapter: Option<Result<armwire_host::Adapter, armwire_host::Error>>,
     /// The arm's connection, which explains errors. `None` if the source is not on one.
     pub(super) connection: Option<Connection>,
 }
@@ -49,8 +49,8 @@ pub(super) struct Session<'a> {
     adapter: Timer,
     /// True if any bytes arrived, noise included.
     has_received: bool,
-    /// True from the loss of the port until the next reading.
-    is_waiting: bool,
+    /// The reason of the port's loss, from then until the next reading.
+    loss: Option<String>,
 }
 
 impl<'a> Session<'a> {
@@ -68,7 +68,7 @@ impl<'a> Session<'a> {
             stroke: Timer::new(STROKE_PERIOD),
             adapter: Timer::new(ADAPTER_PERIOD),
             has_received: false,
-            is_waiting: false,
+            loss: None,
         }
     }
 
@@ -95,8 +95,8 @@ impl<'a> Session<'a> {
                 Err(_) if self.is_stopped() => break,
                 step => step?,
             };
-            if step == Step::Reading {
-                self.is_waiting = false;
+            if step == Step::Reading && self.loss.take().is_some() {
+                self.notify(format!("{}: the port is back", self.model.port))?;
             }
             self.model.line_errors = before + source.line_errors();
             if self.output.is_none() && (self.has_received || rate.is_none()) {
@@ -121,17 +121,25 @@ impl<'a> Session<'a> {
     pub(super) fn may_come_back(&self, error: &Error) -> bool {
         match error {
             Error::Recording { .. } => false,
-            Error::Host(armwire_host::Error::Lost { .. }) => self.is_waiting || self.model.answered > 0,
-            _ => self.is_waiting,
+            Error::Host(armwire_host::Error::Lost { .. }) => self.loss.is_some() || self.model.answered > 0,
+            _ => self.loss.is_some(),
         }
     }
 
     /// Shows that the port is lost, and waits for [`RETRY_PERIOD`]. Returns true if the user ends the monitor.
     pub(super) fn wait_for_port(&mut self, error: &Error) -> Result<bool, Error> {
-        if !self.is_waiting {
-            self.is_waiting = true;
-            self.model.reconnects += 1;
-            self.notify(format!("{error} Waiting for it to come back"))?;
+        let text = error.to_string();
+        let is_new = match &self.loss {
+            None => {
+                self.model.reconnects += 1;
+                true
+            }
+            // Another arm on the port is news, a port that is still missing is none.
+            Some(before) => matches!(error, Error::Host(armwire_host::Error::Lost { .. })) && *before != text,
+        };
+        if is_new {
+            self.notify(format!("waiting for the port: {text}"))?;
+            self.loss = Some(text);
         }
         Ok(self.show(Step::Nothing, RETRY_PERIOD)? || self.is_stopped())
     }

@@ -9,7 +9,7 @@ use rustix::process::{Pid, Signal, kill_process};
 
 use crate::common::board::Board;
 use crate::common::terminal::Terminal;
-use crate::common::{Arm, NO_ANSWER, PROGRAM, TIMEOUT, finish, retry_while, run, start, success, usage};
+use crate::common::{Arm, NO_ANSWER, PROGRAM, TIMEOUT, failure, finish, retry_while, run, start, success, usage};
 use crate::legacy::STOPPED;
 
 /// The rows of a monitor's JSON, each a line.
@@ -160,7 +160,7 @@ fn screen_leaves_a_summary() {
 }
 
 #[test]
-fn monitor_waits_for_a_lost_port() {
+fn monitor_waits_until_the_same_arm_is_back() {
     let arm = Arm::start("ling", "gone", &[]);
     let port = arm.port.clone();
     let mut monitor = start(Command::new(PROGRAM).args(["monitor", &port, "--json"]));
@@ -172,18 +172,26 @@ fn monitor_waits_for_a_lost_port() {
             .find(|line| !line.contains("\"joint_1_deg\":null"))
             .unwrap()
     };
+    let mut notice = || {
+        let mut lines = stderr.by_ref().map(Result::unwrap);
+        lines.find(|line| !line.contains(NO_ANSWER)).unwrap()
+    };
     reading();
     drop(arm);
-    let line = stderr
-        .by_ref()
-        .map(Result::unwrap)
-        .find(|line| !line.contains(NO_ANSWER))
-        .unwrap();
+    let lost = notice();
     assert!(
-        line.contains("the port is gone") && line.ends_with("Waiting for it to come back"),
-        "{line}"
+        lost.starts_with("armwire: waiting for the port: ") && lost.contains("the port is gone"),
+        "{lost}"
     );
+    let other = Arm::start_at("ling", port.as_ref(), &["--serial", "ADFS990000000001"]);
+    let replaced = notice();
+    assert!(
+        replaced.contains("another arm is on this port: ADFS990000000001"),
+        "{replaced}"
+    );
+    drop(other);
     let _arm = Arm::start_at("ling", port.as_ref(), &[]);
+    assert_eq!(notice(), format!("armwire: {port}: the port is back"));
     // The first lines may be from before the loss.
     for _ in 0..100 {
         reading();
@@ -193,12 +201,23 @@ fn monitor_waits_for_a_lost_port() {
 }
 
 #[test]
+fn loss_of_the_port_ends_a_script() {
+    let arm = Arm::start("ling", "gone-script", &[]);
+    let mut monitor = start(Command::new(PROGRAM).args(["monitor", &arm.port, "--json", "--exit-on-loss"]));
+    let mut out = BufReader::new(monitor.stdout.take().unwrap()).lines();
+    assert!(out.next().unwrap().unwrap().contains("joint"));
+    drop(arm);
+    let error = failure(&finish(monitor));
+    assert!(error.contains("the port is gone"), "{error}");
+}
+
+#[test]
 fn screen_waits_for_a_lost_port() {
     let arm = Arm::start("ling", "gone-screen", &[]);
     let mut terminal = Terminal::new(200, 24);
     let mut child = start_until_drawn(&mut terminal, &["monitor", &arm.port], "q ends");
     drop(arm);
-    assert!(terminal.wait_for("Waiting", &mut child), "{:?}", terminal.seen);
+    assert!(terminal.wait_for("waiting", &mut child), "{:?}", terminal.seen);
     terminal.pty.write(b"q").unwrap();
     assert!(terminal.finish(child).status.success());
     assert!(
