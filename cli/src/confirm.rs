@@ -1,6 +1,7 @@
 //! A question before something that may let an arm fall.
 
 use std::io::{IsTerminal, Write, stderr, stdin};
+use std::thread::{self, JoinHandle};
 
 use clap::Args;
 
@@ -52,9 +53,19 @@ impl Question<'_> {
         let prompted =
             write!(stderr(), "{} Continue? [y/N] ", self.danger).and_then(|()| stdin().read_line(&mut answer));
         prompted.map_err(|error| Error::at("confirmation", error))?;
-        match answer.trim() {
-            "y" | "Y" | "yes" => Ok(()),
-            _ => Err(Error::Declined),
+        match is_yes(&answer) {
+            true => Ok(()),
+            false => Err(Error::Declined),
         }
     }
+}
+
+/// Waits for a yes on the terminal, in a thread of its own. Its result is false at the terminal's end.
+pub(crate) fn wait_for_yes() -> JoinHandle<bool> {
+    // Other lines are no answer: they may have been typed before the question.
+    thread::spawn(|| stdin().lines().map_while(Result::ok).any(|line| is_yes(&line)))
+}
+
+fn is_yes(answer: &str) -> bool {
+    matches!(answer.trim(), "y" | "Y" | "yes")
 }

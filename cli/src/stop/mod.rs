@@ -15,7 +15,7 @@ pub(crate) fn after(arm: &mut Ling, error: Error) -> Error {
         return error;
     }
     let end = match error {
-        Error::Host(Host::Lost { .. }) => {
+        Error::Host(Host::Lost { ref name, .. }) if name.as_str() == arm.name() => {
             "nothing can be sent: the arm goes to its last goal, and rests there".to_owned()
         }
         Error::Host(Host::Interrupted(reason)) => {

@@ -4,6 +4,7 @@ mod arm;
 mod leader;
 mod sums;
 
+use std::io::{IsTerminal, stdin};
 use std::path::PathBuf;
 use std::thread;
 use std::time::Duration;
@@ -17,8 +18,9 @@ use clap::Args;
 
 use crate::args::Baud;
 use crate::call::values::{joint_speed, parse, rate};
+use crate::confirm;
 use crate::error::Error;
-use crate::monitor::Recorder;
+use crate::monitor::{RETRY_PERIOD, Recorder};
 use crate::output::{print_error, print_line};
 use crate::recording::Role;
 use crate::signals;
@@ -54,6 +56,10 @@ pub(crate) struct Teleop {
     /// Moves per second.
     #[arg(long, value_name = "HERTZ", default_value = "100", value_parser = rate)]
     rate: Rate,
+    /// End with an error when the port of an arm is lost. Without it a leader is waited for, and on a terminal a follower,
+    /// too: it follows again when you confirm it.
+    #[arg(long)]
+    exit_on_loss: bool,
     /// Record both arms to this MCAP file. An existing file is not replaced.
     #[arg(long, value_name = "FILE")]
     mcap: Option<PathBuf>,
@@ -75,7 +81,7 @@ impl Teleop {
         let follow = self.decisions()?;
         signals::catch_first()?;
         let mut recorder = Recorder::of_pair(self.mcap.as_deref());
-        let leader = Leader::open(&self.leader, self.baud.baud, &recorder)?;
+        let leader = Leader::open(&self.leader, self.baud.baud, self.exit_on_loss, &recorder)?;
         let (follower, state) = self.follower(&recorder)?;
         recorder.create()?;
         print_line(format_args!("{} leads {}; Ctrl-C ends it", self.leader, self.follower))?;
@@ -83,7 +89,9 @@ impl Teleop {
         let mut session = Session {
             leader,
             recorder: &mut recorder,
+            start: follow.clone(),
             follow,
+            waits_for_follower: !self.exit_on_loss && stdin().is_terminal(),
             clock: Stopwatch::start(),
             sums: Sums::default(),
             status: self.status.line(),
@@ -138,9 +146,13 @@ impl Teleop {
 
 /// Teleoperation until its end.
 struct Session<'a> {
-    leader: Leader<'a>,
+    leader: Leader,
     recorder: &'a mut Recorder,
     follow: Follow,
+    /// The decisions of a start.
+    start: Follow,
+    /// True if somebody can confirm that a follower whose port was lost follows again.
+    waits_for_follower: bool,
     clock: Stopwatch,
     sums: Sums,
     status: Status,
@@ -156,10 +168,58 @@ impl Session<'_> {
             let mut stream = follower.into_stream();
             let pause = self.follow(&mut stream);
             follower = stream.into_arm();
-            if let Err(error) = pause.and_then(|pause| self.stop(&mut follower, &pause)) {
+            let mut ended = pause.and_then(|pause| self.stop(&mut follower, &pause));
+            while self.waits_for_follower
+                && let Err(Error::Host(lost @ Host::Lost { .. })) = &ended
+            {
+                ended = self.start_again(&mut follower, lost.to_string());
+            }
+            if let Err(error) = ended {
                 return (follower, error);
             }
         }
+    }
+
+    /// Waits until the port of a follower that was lost for this reason is back, and until the user confirms that it
+    /// follows again.
+    fn start_again(&mut self, follower: &mut Ling, reason: String) -> Result<(), Error> {
+        let tell = |reason: &str| print_error(&format_args!("waiting for the port: {reason}"));
+        self.status.beside(|| tell(&reason));
+        let mut told = reason;
+        while let Err(error) = follower.reopen() {
+            match error {
+                Host::Interrupted(_) => return Err(error.into()),
+                // Another arm is on the port.
+                Host::Lost { .. } if told != error.to_string() => {
+                    told = error.to_string();
+                    self.status.beside(|| tell(&told));
+                }
+                _ => {}
+            }
+            self.wait(RETRY_PERIOD)?;
+        }
+        let question = format!("{} is back. It follows again after y and Enter", follower.name());
+        self.status.beside(|| print_line(question))?;
+        let answer = confirm::wait_for_yes();
+        while !answer.is_finished() {
+            self.wait(SLICE)?;
+        }
+        if !matches!(answer.join(), Ok(true)) {
+            return Err(Error::Declined);
+        }
+        let state = follower.require_torque()?;
+        follower.check_refusal()?;
+        self.follow = self.start.clone();
+        self.follow.on_follower(self.clock.now(), &state);
+        Ok(())
+    }
+
+    /// Waits, unless the program is interrupted.
+    fn wait(&mut self, time: Duration) -> Result<(), Error> {
+        signals::check().map_err(Host::Interrupted)?;
+        self.recorder.write()?;
+        thread::sleep(time);
+        Ok(())
     }
 
     /// Stops the follower. One that is silent, or still moves, is asked until it stops.
@@ -215,7 +275,7 @@ impl Session<'_> {
 
     /// Reads both arms once, until this time.
     fn read(&mut self, follower: &mut Stream, until: time::Instant) -> Result<(), Error> {
-        self.leader.request(&self.follow, self.recorder)?;
+        self.leader.request(&self.follow)?;
         follower.request_joints()?;
         let (mut of_leader, mut of_follower) = (0, 0);
         loop {

@@ -31,7 +31,7 @@ impl Served {
     fn new(config: Config) -> Self {
         Self {
             arm: LingArm::new(config),
-            pty: Pty::open(None).unwrap(),
+            pty: Pty::open(Some(&free_path("teleop"))).unwrap(),
             start: Instant::now(),
             is_plugged: true,
         }
@@ -54,6 +54,14 @@ impl Served {
         if !answer.is_empty() {
             self.pty.write(&answer).unwrap();
         }
+    }
+
+    /// Loses the port. Another device is at its path then.
+    fn replug(&mut self) {
+        let path = self.pty.path().to_owned();
+        // The path is free after the drop.
+        self.pty = Pty::open(None).unwrap();
+        self.pty = Pty::open(Some(&path)).unwrap();
     }
 
     /// Moves all joints of an arm without torque to this position.
@@ -316,4 +324,63 @@ fn ctrl_c_beside_a_silent_follower_says_one_thing() {
     let line = failure(&finish(child));
     assert!(line.starts_with(&format!("{}: not stopped: ", follower.port)), "{line}");
     assert_eq!(line.matches("stopped").count(), 1, "{line}");
+}
+
+#[test]
+fn follower_whose_port_was_lost_follows_after_a_yes() {
+    let mut terminal = Terminal::new(100, 10);
+    let mut pair = Pair::new();
+    let child = terminal.start_whole(&["teleop", pair.leader.port(), pair.follower.port()]);
+    let mut wait_for = |pair: &mut Pair, text: &str| {
+        terminal.seen.clear();
+        let is_seen = pair.serve_until(|_| {
+            terminal.read();
+            terminal.seen.contains(text)
+        });
+        assert!(is_seen, "{text:?} is not in {:?}", terminal.seen);
+    };
+    wait_for(&mut pair, "following");
+    pair.follower.replug();
+    wait_for(&mut pair, "is back. It follows again after y and Enter");
+    let requests = pair.follower.arm.counters().requests;
+    pair.leader.push(2_100);
+    // An empty line is no yes.
+    terminal.pty.write(b"\n").unwrap();
+    let deadline = Instant::now() + std::time::Duration::from_millis(300);
+    pair.serve_until(|_| Instant::now() > deadline);
+    assert_eq!(pair.follower.arm.counters().requests, requests);
+    terminal.pty.write(b"y\n").unwrap();
+    assert!(pair.serve_until(|pair| pair.follower.arm.joints()[0] > 2_090));
+    let _ = kill_process(Pid::from_child(&child), Signal::INT);
+    assert!(pair.serve_until(|_| {
+        terminal.read();
+        terminal.seen.contains(" s: moves ")
+    }));
+    terminal.finish(child);
+}
+
+#[test]
+fn follower_whose_port_is_lost_ends_a_script() {
+    let [leader, follower] = [&["--leader"][..], &[]].map(|args| Arm::start("ling", "teleop-script", args));
+    let mut child = start(Command::new(PROGRAM).args(["teleop", &leader.port, &follower.port]));
+    let mut out = BufReader::new(child.stdout.take().unwrap()).lines();
+    assert!(out.any(|line| line.unwrap().contains("following")));
+    drop(follower);
+    let error = failure(&finish(child));
+    assert!(error.contains("the port is gone"), "{error}");
+}
+
+#[test]
+fn leader_whose_port_is_lost_ends_a_script() {
+    let [leader, follower] = [&["--leader"][..], &[]].map(|args| Arm::start("ling", "teleop-exit", args));
+    let ports = [&leader.port, &follower.port];
+    let mut child = start(Command::new(PROGRAM).arg("teleop").args(ports).arg("--exit-on-loss"));
+    let mut out = BufReader::new(child.stdout.take().unwrap()).lines();
+    assert!(out.any(|line| line.unwrap().contains("following")));
+    drop(leader);
+    let error = failure(&finish(child));
+    assert!(
+        error.contains("the port is gone") && error.contains("stopped: "),
+        "{error}"
+    );
 }
