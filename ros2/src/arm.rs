@@ -91,6 +91,10 @@ impl<'a, 'b> Session<'a, 'b> {
             },
         };
         let mut ling = connection.ling()?;
+        match &clients.known {
+            Some(known) => ling.require_known(known)?,
+            None => drop(ling.read_info().map_err(|error| ling.explain(error))?),
+        }
         let stroke = ling.read_stroke().map_err(|error| ling.explain(error))?;
         let park = match clients.arm.park {
             true => Some(ling.saved_park_pose(&ParkPoses::of_user()?)?),
@@ -109,6 +113,7 @@ impl<'a, 'b> Session<'a, 'b> {
         }
         let state = ling.read_joints()?;
         let latest = Reading::new(stamps::now(), &state, stroke).map_err(|error| Failure::Arm(error.to_string()))?;
+        clients.known = Some(ling.known());
         clients.diagnostics.failure = None;
         clients.diagnostics.stamps = if adapter.is_some() { "adapter" } else { "host" };
         clients.log(&format!(
@@ -142,6 +147,7 @@ impl<'a, 'b> Session<'a, 'b> {
     /// `stop`.
     fn run(mut self, stop: &AtomicBool, stop_parking: &'static AtomicBool) -> Result<(), Failure> {
         let result = self.serve(stop);
+        self.clients.known = Some(self.stream.known());
         self.motion.abort(&match &result {
             Ok(()) => Abort::NodeEnded,
             Err(failure) => Abort::ArmLost(failure.to_string()),
@@ -316,6 +322,7 @@ impl<'a, 'b> Session<'a, 'b> {
                     match self.stream.move_to(&target) {
                         Err(Error::TorqueOff { .. }) => self.motion.abort(&Abort::TorqueLost),
                         Err(Error::Immovable { reason, .. }) => self.motion.abort(&reason.into()),
+                        Err(Error::TorqueSwitched { .. }) => self.motion.abort(&Abort::TorqueSwitched),
                         sent => sent?,
                     }
                 }

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use armwire::ling::Torque;
 use armwire::ling::effect::Effect;
-use armwire_host::stamps;
+use armwire_host::{Known, stamps};
 use ros2_client::action::{CancelGoalRequest, GoalId, GoalInfo, SendGoalRequest, SendGoalResponse};
 use ros2_client::{Gid, ReadError, RmwRequestId};
 use rustdds::RepresentationIdentifier;
@@ -36,6 +36,8 @@ const REQUEST_PERIOD: Duration = Duration::from_millis(20);
 pub(crate) struct Clients<'a> {
     pub(crate) arm: &'a Arm,
     pub(crate) diagnostics: Diagnostics,
+    /// The arm before its port was lost. `None` before it was first opened.
+    pub(crate) known: Option<Known>,
     endpoints: &'a Endpoints,
     goals: Goals<RmwRequestId>,
     /// The published states of the goals are out of date.
@@ -81,6 +83,7 @@ impl<'a> Clients<'a> {
         Self {
             arm,
             diagnostics: Diagnostics::new(arm.port.to_string()),
+            known: None,
             endpoints,
             goals: Goals::new(),
             is_changed: true,

@@ -57,6 +57,8 @@ pub(crate) enum End {
 pub(crate) enum Abort {
     #[error("the torque was switched off during the motion")]
     TorqueLost,
+    #[error("the torque came on while the port was lost: switch it by the service first")]
+    TorqueSwitched,
     #[error(transparent)]
     Immovable(Immovable),
     /// Motion is refused, for a time if the adapter tells it.

@@ -382,9 +382,9 @@ def end(process, how=signal.SIGTERM):
     process.wait(10)
 
 
-def virtual_arm(name):
+def virtual_arm(name, *options):
     port = os.path.join(FOLDER, name)
-    process = start("armwire", "sim", "ling", "--pty", port)
+    process = start("armwire", "sim", "ling", "--pty", port, *options)
     until(lambda: os.path.exists(port), 10, f"{port} exists")
     return process, port
 
@@ -1087,8 +1087,18 @@ def sixteen_arms(participant):
     time.sleep(0.5)
     assert peers[1].take()
     passed("a lost arm is an error in diagnostics, and the others continue")
+    other, _ = virtual_arm("arm0", "--serial", "ADFS990000000001")
+    until(lambda: "another arm is on this port" in peers[0].status().message, 10, "another arm is named")
+    assert not peers[0].take()
+    end(other)
+    back, _ = virtual_arm("arm0")
+    until(peers[0].take, 10, "the arm is read again")
+    until(lambda: peers[0].status().level == b"\0"[0], 10, "the arm is no error any more")
+    peers[0].send([goals[0]])
+    until(lambda: peers[0].is_at(goals[0]), 10, "arm0 is at its goal again")
+    passed("a lost arm is served again, and another one on its port is not")
     end(node)
-    for process, _ in arms[1:]:
+    for process in [back, *(process for process, _ in arms[1:])]:
         end(process)
 
 

@@ -19,8 +19,7 @@ mod xarm;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
-use armwire::ling::SerialNumber;
-use armwire_host::{Error as Host, Ling, XArm};
+use armwire_host::{Error as Host, Known, Ling, XArm};
 use clap::Args;
 
 use crate::args::{LiveArm, Place};
@@ -84,10 +83,10 @@ impl Readings {
         let mut session = Session::new(&self.place.port, form, self.count, stop);
         let mut recorder = Recorder::new(mcap);
         let mut is_legacy = self.place.arm == LiveArm::LingLegacy;
-        let mut serial = None;
+        let mut known = None;
         let end = loop {
             let watched = self
-                .open(form, is_legacy, &mut serial, &recorder)
+                .open(form, is_legacy, &mut known, &recorder)
                 .and_then(|mut watched| {
                     recorder.create()?;
                     let shown = session.watch(&mut watched, rate, &mut recorder);
@@ -116,12 +115,12 @@ impl Readings {
         end.and(recorded)
     }
 
-    /// Opens the source, and the adapter if there is one. A Ling arm must be the one with the serial number of before.
+    /// Opens the source, and the adapter if there is one. A Ling arm must be the one of before.
     fn open(
         &self,
         form: Form,
         is_legacy: bool,
-        serial: &mut Option<SerialNumber>,
+        known: &mut Option<Known>,
         recorder: &Recorder,
     ) -> Result<Watched, Error> {
         if self.from_adapter {
@@ -148,7 +147,7 @@ impl Readings {
             _ if is_legacy => Box::new(legacy::Listener::new(recorder.tapped(connection.legacy()?))),
             _ => {
                 let mut arm = connection.ling()?;
-                identify(&mut arm, serial)?;
+                identify(&mut arm, known)?;
                 Box::new(Polled(recorder.tapped(arm.into_link())))
             }
         };
@@ -171,18 +170,16 @@ impl Readings {
     }
 }
 
-/// Reads the serial number of an arm, or compares it with that of before.
-fn identify(arm: &mut Ling, serial: &mut Option<SerialNumber>) -> Result<(), Host> {
-    match serial {
-        Some(serial) => arm.require_serial(*serial),
-        None => match arm.read_info() {
-            Ok(info) => {
-                *serial = Some(info.serial);
-                Ok(())
-            }
-            // An arm that is off, or on a noisy line, is waited for.
-            Err(Host::NoAnswer { .. }) => Ok(()),
-            Err(error) => Err(error),
-        },
+/// Reads what the arm is known by, or compares it with the one before.
+fn identify(arm: &mut Ling, known: &mut Option<Known>) -> Result<(), Host> {
+    if let Some(known) = known {
+        return arm.require_known(known);
     }
+    match arm.read_info() {
+        Ok(_) => *known = Some(arm.known()),
+        // An arm that is off, or on a noisy line, is waited for.
+        Err(Host::NoAnswer { .. }) => {}
+        Err(error) => return Err(error),
+    }
+    Ok(())
 }

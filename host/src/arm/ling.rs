@@ -30,7 +30,7 @@ use crate::time::silence::SilenceLimit;
 use crate::time::stamps::HostTime;
 
 pub use park::Parking;
-use reopen::Known;
+pub use reopen::Known;
 pub use stream::{Stream, StreamReading};
 pub use wait::{MotionReadings, Switching, Wait};
 
@@ -120,7 +120,7 @@ impl Ling {
     /// Reads the arm's kind, serial number and versions.
     pub fn read_info(&mut self) -> Result<Info, Error> {
         let info: Info = self.link.read(&Request::ReadInfo)?;
-        self.known.serial = Some(info.serial);
+        self.known.note_serial(info.serial);
         Ok(info)
     }
 
@@ -366,7 +366,7 @@ impl Ling {
     pub fn send(&mut self, effect: Effect) -> Result<(), Error> {
         self.may_move = false;
         self.link.send(&effect.request())?;
-        self.known.torque_is_switched();
+        self.known.note_switching();
         if effect.drops_arm() {
             (self.gripper, self.target) = (None, None);
         }

@@ -8,11 +8,11 @@ use crate::arm::refusals::Refusals;
 use crate::error::Error;
 use crate::error::outside::Outside;
 
-/// What is known of an arm.
+/// What a program knows of an arm, to tell after the loss of its port whether it is the same arm, with the same torque.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Known {
+pub struct Known {
     /// `None` before it was read.
-    pub(super) serial: Option<SerialNumber>,
+    serial: Option<SerialNumber>,
     /// True if the torque was off in the last reading.
     is_torque_off: bool,
     /// True if the torque was off before the port was lost: it must be off again, or be switched here, before a motion.
@@ -20,6 +20,11 @@ pub(super) struct Known {
 }
 
 impl Known {
+    /// Takes the serial number.
+    pub(super) fn note_serial(&mut self, serial: SerialNumber) {
+        self.serial = Some(serial);
+    }
+
     /// Takes the status of a reading.
     pub(super) fn note(&mut self, status: MotionStatus) {
         self.is_torque_off = status.is_torque_off();
@@ -27,7 +32,7 @@ impl Known {
     }
 
     /// The torque is switched by this program: what it was before does not matter any more.
-    pub(super) fn torque_is_switched(&mut self) {
+    pub(super) fn note_switching(&mut self) {
         self.must_be_off = false;
     }
 
@@ -38,38 +43,36 @@ impl Known {
 }
 
 impl Ling {
-    /// Reads the serial number, by which the arm is known after its port was lost, if it was not read before.
-    pub(crate) fn identify(&mut self) -> Result<(), Error> {
-        match self.known.serial {
-            Some(_) => Ok(()),
-            None => self.read_info().map(drop),
-        }
+    /// What is known of this arm: the serial number after [`read_info`](Self::read_info), and the torque after a reading.
+    pub fn known(&self) -> Known {
+        self.known
     }
 
-    /// Reads whether this is the arm with this serial number, for a program that opens a port again after its loss.
+    /// Reads whether this is the arm that was on the port before its loss, for a program that opens the port anew. Only
+    /// reads are sent. If the torque was off, and has come on meanwhile, a later move is [`Error::TorqueSwitched`].
     ///
     /// # Errors
     ///
-    /// [`Error::Lost`] for another arm: the one that was there may come back.
-    pub fn require_serial(&mut self, serial: SerialNumber) -> Result<(), Error> {
+    /// [`Error::Lost`] for another arm: the one that was there may come back. It is the error of an unknown arm, too.
+    pub fn require_known(&mut self, known: &Known) -> Result<(), Error> {
+        let Some(before) = known.serial else {
+            let reason = "the arm's serial number was not read before the loss: it may be another arm";
+            return Err(Error::lost(self.name(), reason));
+        };
         let Info { serial: now, .. } = self.link.read(&Request::ReadInfo)?;
-        match now == serial {
-            true => Ok(()),
-            false => {
-                let reason = format_args!("another arm is on this port: {now}, and not {serial}");
-                Err(Error::lost(self.name(), reason))
-            }
+        if now != before {
+            let reason = format_args!("another arm is on this port: {now}, and not {before}");
+            return Err(Error::lost(self.name(), reason));
         }
+        self.known = Known {
+            must_be_off: known.must_be_off || known.is_torque_off,
+            ..*known
+        };
+        self.read_joints().map(drop)
     }
 
-    /// Closes the port. Calls fail with this reason, as [`Error::Lost`].
-    pub(crate) fn disconnect(&mut self, reason: Outside) {
-        self.link.disconnect(reason);
-    }
-
-    /// Opens the port again, after a loss. Only reads are sent, until they show the arm with the serial number that was
-    /// read before. Nothing moves by itself: the last move and its goal are forgotten, and the next move reads first. It is
-    /// [`Error::TorqueSwitched`] if the torque has come on meanwhile.
+    /// Opens the port again, after a loss, and reads whether the arm is [the one before](Self::require_known). Nothing moves
+    /// by itself: the last move and its goal are forgotten, and the next move reads first.
     ///
     /// # Errors
     ///
@@ -86,19 +89,29 @@ impl Ling {
     }
 
     fn open_and_compare(&mut self) -> Result<(), Error> {
-        let Some(before) = self.known.serial else {
-            let reason = "the arm's serial number was not read before the loss: it may be another arm";
-            return Err(Error::lost(self.name(), reason));
-        };
+        let known = self.known;
         // A port that is kept open keeps its name from the device that comes back.
         self.link.disconnect("the port is being opened again".into());
         self.refusals = Refusals::default();
         (self.target, self.last, self.may_move) = (None, None, false);
-        self.connection.reopen()?;
-        let (line, config) = legacy::open(&self.connection)?;
-        self.link.replace_line(line, config);
-        self.require_serial(before)?;
-        self.known.must_be_off |= self.known.is_torque_off;
-        self.read_joints().map(drop)
+        if known.serial.is_some() {
+            self.connection.reopen()?;
+            let (line, config) = legacy::open(&self.connection)?;
+            self.link.replace_line(line, config);
+        }
+        self.require_known(&known)
+    }
+
+    /// Reads the serial number, by which the arm is known after its port was lost, if it was not read before.
+    pub(crate) fn identify(&mut self) -> Result<(), Error> {
+        match self.known.serial {
+            Some(_) => Ok(()),
+            None => self.read_info().map(drop),
+        }
+    }
+
+    /// Closes the port. Calls fail with this reason, as [`Error::Lost`].
+    pub(crate) fn disconnect(&mut self, reason: Outside) {
+        self.link.disconnect(reason);
     }
 }

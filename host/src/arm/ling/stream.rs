@@ -6,7 +6,7 @@ use std::time::Duration;
 use armwire::ling::effect::Effect;
 use armwire::ling::{JointState, Move, Request, Response};
 
-use super::Ling;
+use super::{Known, Ling};
 use crate::error::{Error, TorqueOffEffect};
 use crate::ports::link::LineErrors;
 use crate::time::stamps::HostTime;
@@ -128,6 +128,11 @@ impl Stream {
         self.arm.reopen()?;
         self.state = self.arm.last;
         Ok(())
+    }
+
+    /// What is known of the arm: see [`Ling::known`].
+    pub fn known(&self) -> Known {
+        self.arm.known()
     }
 
     /// The arm, to be called. No call takes an answer to the stream for its own.
