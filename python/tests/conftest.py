@@ -2,7 +2,10 @@
 
 import os
 import signal
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -41,3 +44,16 @@ def board() -> Path:
     if folder is None:
         pytest.skip("ARMWIRE_BOARD is not set: `cargo xtask python` serves a virtual board")
     return Path(folder)
+
+
+@contextmanager
+def served(port: Path, *options: str) -> Iterator[None]:
+    """A virtual arm at this path, in a process of its own."""
+    program = [sys.executable, "-c", "from armwire._command import main; main()"]
+    with subprocess.Popen([*program, "sim", "ling", "--pty", port, *options], stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        try:
+            yield
+        finally:
+            process.terminate()

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import pytest
+from conftest import served
 from scripted import MOVE, READ_JOINTS, TORQUE_OFF, TORQUE_ON, Row, RowArm, ScriptedArm, rows
 from test_foreign import Bessica, UnknownStatus
 
@@ -434,6 +435,21 @@ def test_unplugged_arm_is_a_clear_error(virtual: sim.VirtualLing, tmp_path: Path
     time.sleep(0.2)
     robot.disconnect()
     assert not robot.is_connected
+
+
+def test_arm_goes_on_after_a_loss_of_its_port(tmp_path: Path) -> None:
+    port = tmp_path / "arm"
+    robot = follower(str(port), tmp_path)
+    with served(port):
+        robot.connect()
+        robot.send_action(POSE)
+    wait_until(lambda: "was it unplugged" in refusal(robot))
+    with served(port):
+        wait_until(lambda: not refusal(robot))
+        target = {**POSE, "joint1.pos": 20.0}
+        robot.send_action(target)
+        wait_until(lambda: robot.send_action(target) and is_at(robot.get_observation(), target))
+        robot.disconnect()
 
 
 def test_unusable_arm_is_a_clear_error(tmp_path: Path) -> None:

@@ -4,9 +4,11 @@ import asyncio
 import itertools
 import threading
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
+from conftest import served
 from scripted import ScriptedArm
 
 import armwire
@@ -87,7 +89,7 @@ def test_stale_pose_is_an_error(virtual: sim.VirtualLing, arm: armwire.Ling) -> 
         assert reader.counts().lost > 0
 
 
-def test_lost_port_ends_the_reader(virtual: sim.VirtualLing, arm: armwire.Ling) -> None:
+def test_lost_port_is_an_error_at_once(virtual: sim.VirtualLing, arm: armwire.Ling) -> None:
     with arm.reader(200) as reader:
         assert reader.next_after(0) is not None
         virtual.close()
@@ -95,6 +97,36 @@ def test_lost_port_ends_the_reader(virtual: sim.VirtualLing, arm: armwire.Ling) 
             follow_to_the_end(reader)
         with pytest.raises(errors.PortLostError):
             reader.latest()
+
+
+def test_reader_goes_on_when_the_same_arm_is_back(tmp_path: Path) -> None:
+    port = tmp_path / "arm"
+    with served(port):
+        arm = armwire.Ling(str(port))
+        reader = arm.reader(200)
+        assert reader.next_after(0) is not None
+    with arm, reader:
+        with pytest.raises(errors.PortLostError, match="was it unplugged"):
+            follow_to_the_end(reader)
+        with pytest.raises(errors.PortLostError):
+            arm.stop()
+
+        def loss() -> str:
+            with pytest.raises(errors.PortLostError) as lost:
+                reader.latest()
+            return str(lost.value)
+
+        with served(port, "--serial", "ADFS990000000001"):
+            while "another arm is on this port: ADFS990000000001" not in loss():
+                time.sleep(0.01)
+        with served(port):
+            while True:
+                with suppress(errors.PortLostError, errors.NoPoseError):
+                    reader.latest()
+                    break
+                time.sleep(0.01)
+            arm.move_deg([10] * 6, gripper_permille=0, speed_deg_s=100)
+            arm.wait_until_at_deg([10] * 6)
 
 
 def test_closed_reader_and_arm_raise_errors(virtual: sim.VirtualLing) -> None:

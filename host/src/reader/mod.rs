@@ -3,6 +3,8 @@
 //! [`pose`] has what is read, and [`history`] keeps each [`reading`]. A [`session`] reads, by requests or by the polls of
 //! an adapter, which [`polled`] has.
 
+#[cfg(test)]
+mod fake;
 mod history;
 mod polled;
 mod pose;
@@ -96,7 +98,9 @@ impl<A: Readable> Reader<A> {
     /// [`Error::Closed`] if the arm was taken. [`Error::InUse`] while another reader reads it. Errors of the adapter.
     pub fn start(arm: &Shared<A>, rate: Rate) -> Result<Self, Error> {
         // An arm that does not tell its serial number is read all the same: its port is not opened again then.
-        let _ = arm.call(A::identify);
+        if let Err(error @ Error::Interrupted(_)) = arm.call(A::identify) {
+            return Err(error);
+        }
         let source = Source::find(arm, rate)?;
         let mut reader = Self {
             arm: arm.clone(),

@@ -160,3 +160,99 @@ impl<A: Readable> Session<A> {
         self.stop.load(Ordering::Relaxed)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::collections::VecDeque;
+    use std::sync::Mutex;
+
+    use armwire::ling::{JointState, Response};
+    use armwire_bridge::config::ArmKind;
+
+    use super::super::fake::{adapter, frame, state};
+    use super::*;
+    use crate::arm::ling::Ling;
+    use crate::arm::pose::OnPose;
+    use crate::ports::control::Adapter;
+
+    /// An arm behind these adapters: the next one is found after each loss.
+    struct BehindAdapters {
+        adapters: Mutex<VecDeque<Adapter>>,
+        losses: Vec<String>,
+        on_pose: Option<OnPose<JointState>>,
+    }
+
+    impl Readable for BehindAdapters {
+        type Pose = JointState;
+
+        const KIND: Option<ArmKind> = Ling::KIND;
+
+        fn name(&self) -> &str {
+            "fake"
+        }
+
+        fn adapter(&self) -> Result<Option<Adapter>, Error> {
+            Ok(self.adapters.lock().unwrap().pop_front())
+        }
+
+        fn lend(&mut self, _: Shared<Adapter>) {}
+
+        fn pose(frame: &[u8]) -> Option<JointState> {
+            Ling::pose(frame)
+        }
+
+        fn read_pose(&mut self, _: Instant) -> Result<bool, Error> {
+            unreachable!("an adapter polls")
+        }
+
+        fn identify(&mut self) -> Result<(), Error> {
+            Ok(())
+        }
+
+        fn disconnect(&mut self, reason: Outside) {
+            self.losses.push(reason.as_str().to_owned());
+        }
+
+        fn reopen(&mut self) -> Result<(), Error> {
+            Ok(())
+        }
+
+        fn on_pose(&mut self) -> &mut Option<OnPose<JointState>> {
+            &mut self.on_pose
+        }
+    }
+
+    #[test]
+    fn adapter_that_is_back_polls_again() {
+        let config = Arc::default();
+        let adapters = [1, 2].map(|ticks| {
+            // Each counts from its start.
+            let events = vec![frame(900_000 / u64::from(ticks), &Response::Joints(state(ticks)))];
+            adapter(&config, [events])
+        });
+        let arm = BehindAdapters {
+            adapters: Mutex::new(adapters.into()),
+            losses: Vec::new(),
+            on_pose: None,
+        };
+        let session = Session {
+            arm: Shared::new("fake", arm),
+            rate: Rate::new(200).unwrap(),
+            history: Arc::new(History::new()),
+            stop: Arc::default(),
+        };
+        thread::scope(|scope| {
+            scope.spawn(|| session.run(Source::find(&session.arm, session.rate).unwrap()));
+            // Behind the second loss is no adapter: the arm is not read by requests instead.
+            while session.arm.call(|arm| Ok::<_, Error>(arm.losses.is_empty())).unwrap() {
+                thread::yield_now();
+            }
+            session.stop.store(true, Ordering::Relaxed);
+        });
+        let next = |number| session.history.next_after(number, Duration::ZERO).unwrap().unwrap();
+        let (first, second) = (next(0), next(1));
+        assert_eq!([first.pose, second.pose], [1, 2].map(state));
+        assert!(first.time.monotonic_ns <= second.time.monotonic_ns);
+        assert_eq!(session.arm.take().unwrap().losses, ["gone"]);
+    }
+}
