@@ -74,6 +74,11 @@ export class SerialPort {
     this.#closed = true;
     const flush = this.#writer.close().catch(() => {});
     await Promise.race([flush, new Promise((done) => setTimeout(done, FLUSH))]);
+    await this.#release();
+  }
+
+  // Closes the port. A port with a locked stream would stay open.
+  async #release() {
     await this.#reader?.cancel().catch(() => {});
     await this.#reading;
     this.#writer.releaseLock();
@@ -108,6 +113,6 @@ export class SerialPort {
     this.#closed = true;
     this.onclose(reason);
     this.#writer.abort().catch(() => {});
-    this.#reading?.then(() => this.#port.close()).catch(() => {});
+    this.#release();
   }
 }
