@@ -30,6 +30,8 @@ const STATE_TEXTS = {
   silent: 'no answer',
   'older generation': 'an arm of the older generation: nothing is sent to it. It needs a firmware update from the vendor',
 };
+// The end of a notice about a port that is back.
+const MOTION_OFF = 'Motion is off until you enable it.';
 
 const element = (id) => document.getElementById(id);
 
@@ -42,6 +44,11 @@ class Page {
   #axes = [];
   #frames;
   #serialPort = null;
+  #connecting = Promise.resolve();
+  // The port that was lost and is opened when it is back.
+  #lostPort = null;
+  // Serial number of the arm before its port was lost; empty if unknown.
+  #lostArm = '';
   #readAt = NaN;
   #textAt = 0;
   #answers = [];
@@ -104,6 +111,7 @@ class Page {
       element('connect').disabled = true;
       element('connect').title = 'This browser has no WebSerial. Chrome and Edge on a desktop have it.';
     }
+    serial.listenToPorts((port) => this.#openAgain(port));
     this.#offerReconnect();
     element('notice-close').addEventListener('click', () => this.#notify(''));
   }
@@ -115,14 +123,34 @@ class Page {
     if (ports.length === 1) element('reconnect').textContent = `Reconnect ${serial.nameOf(ports[0])}`;
   }
 
-  // Closes the current connection, then connects.
-  async #connect(open) {
-    this.#holds.releaseAll();
-    this.#notify('');
-    await this.#link.close();
-    this.#serialPort = null;
-    await open();
-    await this.#offerReconnect();
+  // Closes the current connection, then connects. One at a time: a port may come back while the user connects.
+  #connect(open) {
+    const connected = this.#connecting.then(async () => {
+      this.#holds.releaseAll();
+      this.#notify('');
+      await this.#link.close();
+      this.#serialPort = null;
+      this.#lostPort = null;
+      this.#lostArm = '';
+      try {
+        await open();
+      } finally {
+        await this.#offerReconnect();
+      }
+    });
+    this.#connecting = connected.catch(() => {});
+    return connected;
+  }
+
+  // Opens the lost port if it is back as `port`. Only reads are sent until the user enables motion.
+  async #openAgain(port) {
+    if (!this.#lostPort?.isBackAs(port)) return;
+    const arm = this.#lostArm;
+    await this.#attempt(() => this.#connect(async () => {
+      await this.#openSerial(port);
+      this.#lostArm = arm;
+      this.#notify(`The port is back. ${MOTION_OFF}`);
+    }));
   }
 
   #openVirtual() {
@@ -155,22 +183,21 @@ class Page {
     document.body.dataset.port = isVirtual ? 'virtual' : 'serial';
     element('cable').hidden = !isVirtual;
     element('virtual').hidden = isVirtual;
-    element('enable').checked = isVirtual;
     this.#frames.log.clear();
     for (const { plot } of this.#axes) plot.history.clear();
     this.#answers = [];
     this.#link.open(port);
-    this.#act((at) => {
-      this.#engine.setSpeed(element('speed').value / DEGREES);
-      this.#engine.enableMotion(at, isVirtual);
-    });
+    this.#engine.setSpeed(element('speed').value / DEGREES);
+    this.#enableMotion(isVirtual);
   }
 
   #lost(reason) {
+    this.#lostPort = this.#serialPort;
+    this.#lostArm = this.#engine.serial() || this.#lostArm;
     this.#serialPort = null;
     this.#holds.releaseAll();
     element('virtual').hidden = false;
-    this.#notify(`The port is closed: ${reason}`);
+    this.#notify(`The port is closed, and is opened when it is back: ${reason}`);
     this.#offerReconnect();
   }
 
@@ -187,7 +214,21 @@ class Page {
     element('notice-text').textContent = text;
   }
 
+  // Names an arm other than the one before its port was lost. Motion may be enabled by now, but not for this arm.
+  #compareArm() {
+    const arm = this.#engine.serial();
+    if (arm === '' || this.#lostArm === '' || arm === this.#lostArm) return;
+    this.#enableMotion(false);
+    this.#notify(`Another arm is on this port: ${arm}, before ${this.#lostArm}. ${MOTION_OFF}`);
+    this.#lostArm = '';
+  }
+
   // Motion.
+
+  #enableMotion(isEnabled) {
+    element('enable').checked = isEnabled;
+    this.#act((at) => this.#engine.enableMotion(at, isEnabled));
+  }
 
   #makeAxes() {
     NAMES.forEach((name, axis) => {
@@ -238,9 +279,7 @@ class Page {
       this.#showHeld();
     };
     listenToKeys(this.#holds, document);
-    element('enable').addEventListener('change', (event) => {
-      this.#act((at) => this.#engine.enableMotion(at, event.target.checked));
-    });
+    element('enable').addEventListener('change', (event) => this.#enableMotion(event.target.checked));
     element('speed').addEventListener('input', (event) => {
       element('speed-text').textContent = `${event.target.value}°/s`;
       this.#engine.setSpeed(event.target.value / DEGREES);
@@ -478,6 +517,7 @@ class Page {
     this.#axes.forEach(({ plot }, axis) => plot.draw(time, { line: this.#colors.lines[axis], grid: this.#colors.grid }));
     if (at - this.#textAt < TEXT_PERIOD * 1000) return;
     this.#textAt = at;
+    this.#compareArm();
     this.#showConnection();
     this.#showMotion(at);
     this.#showFacts(time);

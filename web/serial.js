@@ -23,6 +23,11 @@ export async function choose() {
   }
 }
 
+// Calls `back` with each granted port that is plugged in.
+export function listenToPorts(back) {
+  if (isSupported()) navigator.serial.addEventListener('connect', (event) => back(event.target));
+}
+
 // Returns a name for a port. Browsers provide only the USB ids.
 export function nameOf(port) {
   const { usbVendorId, usbProductId } = port.getInfo();
@@ -55,6 +60,13 @@ export class SerialPort {
   }
 
   get name() { return nameOf(this.#port); }
+
+  // Whether this port is back as `port`. A USB device that is plugged in again has a new object in Chromium, and a page
+  // learns only its USB ids. The arm's serial number shows afterwards whether it is another arm.
+  isBackAs(port) {
+    const isUsb = port.getInfo().usbVendorId !== undefined;
+    return port === this.#port || (isUsb && nameOf(port) === this.name);
+  }
 
   write(bytes) {
     if (this.#closed) return;

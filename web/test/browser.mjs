@@ -16,11 +16,12 @@ const POLL_TIMEOUT = 20_000;
 export const launch = () => chromium.launch({ executablePath: EXECUTABLE, args: ARGUMENTS });
 
 // Opens the page in a context of its own. `problems` collects errors of the page and requests to other hosts.
-// With `stopClock`, time passes on the page only by `page.clock`.
-export async function open(browser, address, { stopClock = false, plant = 'ideal', ...options } = {}) {
+// With `stopClock`, time passes on the page only by `page.clock`. The function `script` runs before the page's modules.
+export async function open(browser, address, { stopClock = false, plant = 'ideal', script = () => {}, ...options } = {}) {
   const context = await browser.newContext({ viewport: { width: 1280, height: 800 }, ...options });
   const page = await context.newPage();
   if (stopClock) await page.clock.pauseAt(STOPPED_AT);
+  await page.addInitScript(script);
   const problems = [];
   page.on('console', (message) => ['error', 'warning'].includes(message.type()) && problems.push(message.text()));
   page.on('pageerror', (error) => problems.push(String(error)));

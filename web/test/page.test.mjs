@@ -3,7 +3,9 @@ import assert from 'node:assert/strict';
 import fs from 'node:fs';
 import path from 'node:path';
 import { after, before, test } from 'node:test';
+import { crc32 } from 'node:zlib';
 import { counter, launch, open, poll, position, ready, state, text } from './browser.mjs';
+import { fakeSerial } from './fake_serial.mjs';
 import { serve } from './server.mjs';
 
 const folder = process.env.ARMWIRE_PAGE;
@@ -190,6 +192,93 @@ pageTest('an unplugged arm is silent and answers after reconnection', async (pag
   assert.equal(await text(page, '#block'), 'No fresh reading: the arm does not move.');
   await page.locator('[name=cable][value=good]').check({ force: true });
   await ready(waitOn(page), page);
+});
+
+const LOST = 'The port is closed, and is opened when it is back: The device has been lost.';
+const BACK = 'The port is back. Motion is off until you enable it.';
+const OTHER = 'Another arm is on this port: ADFS251205654321, before ADFS251205123456. Motion is off until you enable it.';
+
+const kinds = (page) => page.evaluate(() => window.fakeSerial.kinds());
+const isOpen = (page) => page.evaluate(() => window.fakeSerial.isOpen());
+const plugIn = (page, device = {}) => page.evaluate((device) => window.fakeSerial.plugIn(device), device);
+const isVirtual = (connection) => connection.startsWith('Virtual arm · ADFS');
+const connection = (page, is) => until(page, 'connection', () => text(page, '#connection-text'), is);
+const notice = (page, is) => until(page, 'notice', () => page.locator('#notice-text').textContent(), (value) => value === is);
+
+// A test that begins when the port of a moving arm is lost. `reads` are the kinds of frames before the motion.
+function lossTest(name, act) {
+  pageTest(name, async (page) => {
+    await page.locator('#reconnect').click();
+    await connection(page, (value) => value === 'USB 1209:0001 · ADFS251205123456 · v6.10');
+    await rest(page);
+    const reads = await kinds(page);
+    await page.locator('#enable').check();
+    await page.keyboard.down('KeyQ');
+    await moves(page, 0, 0);
+    assert.ok((await kinds(page)).length > reads.length);
+    await page.evaluate(() => window.fakeSerial.unplug());
+    await notice(page, LOST);
+    assert.equal(await page.locator('.jog.held').count(), 0);
+    await act(page, reads);
+  }, { script: fakeSerial });
+}
+
+lossTest('a lost port is opened when it is back, and only reads are sent before a motion', async (page, reads) => {
+  await plugIn(page);
+  await notice(page, BACK);
+  await connection(page, (value) => value === 'USB 1209:0001 · ADFS251205123456 · v6.10');
+  assert.ok(!(await page.locator('#enable').isChecked()));
+  await assertStill(page, 0);
+  await page.locator('#enable').check();
+  await assertStill(page, 0);
+  assert.deepEqual(await kinds(page), reads);
+  await page.keyboard.up('KeyQ');
+  await page.keyboard.down('KeyQ');
+  await moves(page, 0, 0);
+});
+
+lossTest('another arm on a port that is back is named', async (page, reads) => {
+  const body = [0x01, 0x00, 24, ...Buffer.from('ADFS251205654321'), 0, 0, 0, 0, 0, 0, 0, 0];
+  await plugIn(page, { info: [0xaa, ...body, crc32(Uint8Array.from(body)) & 0xff, 0xff] });
+  await notice(page, BACK);
+  await page.locator('#enable').check();
+  await notice(page, OTHER);
+  await rest(page);
+  assert.ok(!(await page.locator('#enable').isChecked()));
+  assert.deepEqual(await kinds(page), reads);
+});
+
+lossTest('a port with other USB ids is not the lost one', async (page) => {
+  await plugIn(page, { product: 2 });
+  await rest(page);
+  assert.equal(await text(page, '#notice-text'), LOST);
+  assert.ok(!(await isOpen(page)));
+});
+
+lossTest('a connection elsewhere ends the wait for a lost port', async (page) => {
+  await page.locator('#virtual').click();
+  await connection(page, isVirtual);
+  await plugIn(page);
+  await rest(page);
+  assert.ok(isVirtual(await text(page, '#connection-text')));
+  assert.ok(!(await isOpen(page)));
+});
+
+lossTest('a connection elsewhere while a lost port is opened closes the port', async (page) => {
+  await page.evaluate(() => {
+    window.fakeSerial.plugIn();
+    document.getElementById('virtual').click();
+  });
+  await connection(page, isVirtual);
+  await rest(page);
+  assert.ok(!(await isOpen(page)));
+});
+
+lossTest('a port that is back but busy is offered again', async (page) => {
+  await plugIn(page, { isBusy: true });
+  await notice(page, 'Failed to open serial port.');
+  await connection(page, isVirtual);
+  assert.ok(await page.locator('#reconnect').isVisible());
 });
 
 pageTest('frames have a meaning, by message and in order', async (page) => {

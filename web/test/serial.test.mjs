@@ -49,7 +49,8 @@ async function start() {
 }
 
 async function stop() {
-  execFileSync('umount', [PORT]);
+  // The browser may have the port open.
+  execFileSync('umount', ['--lazy', PORT]);
   board.kill('SIGINT');
   await once(board, 'exit');
 }
@@ -150,4 +151,24 @@ serialTest('a browser killed in motion is a silent host, and the torque goes off
   await until('silence', () => counters().host_silences, (silences) => silences === 1);
   assertWhole();
   assert.match(readState()[1], /^status +idle$/);
+});
+
+// The test sends the event of a device that is plugged in. The port has the same object as before.
+serialTest('a lost port is opened when it is back, and no move is sent before motion is enabled', async (page) => {
+  await moveOn(page);
+  await stop();
+  await until('notice', () => text(page, '#notice-text'), (value) => value.startsWith('The port is closed, and is opened when it is back: '));
+  await start();
+  await page.evaluate(async () => {
+    const [port] = await navigator.serial.getPorts();
+    port.dispatchEvent(new Event('connect', { bubbles: true }));
+  });
+  await until('notice', () => text(page, '#notice-text'), (value) => value === 'The port is back. Motion is off until you enable it.');
+  await until('text', () => text(page, '#connection-text'), (value) => value === 'Serial port · ADFS251205123456 · v6.10');
+  await setTimeout(1000);
+  const { host_to_arm_bytes: bytes, requests_usb: usb, requests_adapter: own } = counters();
+  assert.ok(usb > 20);
+  assert.equal(bytes, OTHER * (usb + own));
+  await page.keyboard.up('KeyQ');
+  await moveOn(page);
 });
