@@ -73,6 +73,7 @@ pub(super) struct Session<A: Readable> {
 impl<A: Readable> Session<A> {
     /// Reads until the stop, until the arm is taken, or until it is one of the older generation.
     pub(super) fn run(&self, mut source: Source) {
+        let takes_poses = !source.is_polled();
         let end = loop {
             let end = match &mut source {
                 Source::Adapter(polled) => polled.run::<A>(&self.history, &self.stop),
@@ -84,6 +85,14 @@ impl<A: Readable> Session<A> {
                 Err(end) => break end,
             }
         };
+        if takes_poses {
+            let leave = |arm: &mut A| {
+                *arm.on_pose() = None;
+                Ok::<_, Error>(())
+            };
+            // An arm that was taken has another owner.
+            let _ = self.arm.call(leave);
+        }
         self.history.set_end(Some(end));
     }
 
