@@ -15,7 +15,8 @@ use rustix::process::{Pid, Signal, kill_process};
 
 use crate::common::board::Board;
 use crate::common::{
-    Arm, NO_ANSWER, PROGRAM, TIMEOUT, angles, failure, finish, free_path, retry_while, run, run_against, start, success,
+    Arm, NO_ANSWER, PROGRAM, TIMEOUT, angles, failure, finish, free_path, retry_while, retry_while_busy, run,
+    run_against, start, success,
 };
 use crate::signals::Stepped;
 
@@ -380,7 +381,7 @@ fn far() -> Recording {
 fn signal_in_a_replay_stops_the_arm() {
     let recording = far();
     let mut stepped = Stepped::new();
-    let output = retry_while(NO_ANSWER, || {
+    let output = retry_while_busy(|| {
         retry_while(LATE, || {
             stepped = Stepped::new();
             let mut is_sent = false;

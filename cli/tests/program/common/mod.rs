@@ -59,8 +59,9 @@ pub(crate) fn install(program: &Path, to: &Path) {
 pub(crate) const NO_ANSWER: &str = "no answer in";
 
 /// Messages on a busy system, if an arm or adapter does not answer in time, or answers an earlier request.
-const BUSY: [&str; 4] = [
+const BUSY: [&str; 5] = [
     NO_ANSWER,
+    "the answer came too late",
     "the adapter does not answer in",
     "no answer to SLCAN",
     "frames arrive, but not the answer",
