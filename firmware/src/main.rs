@@ -50,6 +50,7 @@ use crate::usb::pipe::{self, Pipe};
 
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
+    board::restore_reset_state();
     if restart::is_into_boot_loader() {
         board::enter_boot_loader();
     }

@@ -8,6 +8,8 @@
 //! | Item | Meaning |
 //! |---|---|
 //! | `CAN_FD` | true for CAN FD |
+//! | `INTERRUPTS` | the number of interrupts of the chip |
+//! | `reset_clocks()` | puts clocks and peripherals into their reset state, whatever another program has left |
 //! | `take_reset()` | reads the cause of the last reset, once |
 //! | `init()` | holds the line to the arm high, starts the clocks, takes the pins and makes a `Board` of them |
 //! | `Board`, `Watchdog`, `Led` | the peripherals of the firmware |
@@ -29,6 +31,7 @@
 //! | `enter_boot_loader()` | starts the boot loader in the chip's ROM |
 
 mod chip_reset;
+mod reset_state;
 #[cfg(feature = "board-rp2040")]
 mod rp2040;
 #[cfg(feature = "stm32")]
@@ -57,3 +60,10 @@ compile_error!("no board: enable `board-rp2040`, `board-stm32f405` or `board-stm
     all(feature = "board-rp2040", feature = "stm32")
 ))]
 compile_error!("two boards: all but `board-stm32f405` need `--no-default-features`");
+
+/// Puts the chip into its reset state, whatever another program has left. Call this before anything else: on an STM32
+/// interrupts are masked until then.
+pub(crate) fn restore_reset_state() {
+    reset_clocks();
+    reset_state::reset_core();
+}

@@ -14,6 +14,7 @@ mod crash_loop;
 mod delayed;
 mod flash;
 mod latency;
+mod left_state;
 mod line;
 mod ling;
 mod poll;

@@ -5,6 +5,12 @@ use embassy_rp::peripherals::WATCHDOG;
 
 use crate::board::ChipReset;
 
+/// The interrupts of the chip (2.3.2).
+pub(crate) const INTERRUPTS: usize = 26;
+
+/// The HAL's `init` resets the peripherals and starts the clocks from the ring oscillator.
+pub(crate) fn reset_clocks() {}
+
 /// Reads the cause of the last reset. The chip clears it at the next (2.12.7, 4.7.6).
 pub(crate) fn take_reset() -> ChipReset {
     let watchdog = pac::WATCHDOG.reason().read();

@@ -23,6 +23,7 @@ mod memcpy;
 mod oscillator;
 mod peripherals;
 mod pin;
+mod pre_init;
 mod rcc;
 mod reset;
 mod status;

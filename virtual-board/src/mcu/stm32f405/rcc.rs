@@ -37,6 +37,9 @@ const PLLI2SCFGR: u32 = 0x84;
 /// The offset of a register that only the STM32F42x has.
 const DCKCFGR: u32 = 0x8C;
 
+/// The bits of CIR that clear its flags (7.3.4).
+const CIR_CLEAR: u32 = 0x00BF_0000;
+
 /// Bits of CR (7.3.1).
 mod cr {
     pub(super) use super::rcc::cr::*;
@@ -392,6 +395,8 @@ impl Peripheral for Rcc {
                 check_modelled("CFGR", value, cfgr::MODELLED | cfgr::SWS)?;
                 self.cfgr = value & cfgr::MODELLED;
             }
+            // Without interrupts there are no flags to clear.
+            CIR => check_modelled("CIR", value, CIR_CLEAR)?,
             BDCR => self.write_bdcr(value)?,
             CSR => self.write_csr(value, now),
             _ => return Err(refusal(offset)),

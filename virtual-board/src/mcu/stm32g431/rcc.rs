@@ -18,6 +18,8 @@ const CFGR: u32 = 0x08;
 const PLLCFGR: u32 = 0x0C;
 const CIER: u32 = 0x18;
 const CIFR: u32 = 0x1C;
+/// The flags that CICR clears (7.4.7).
+const CICR_BITS: u32 = 0x73B;
 const CICR: u32 = 0x20;
 const AHB1RSTR: u32 = 0x28;
 const AHB2RSTR: u32 = 0x2C;
@@ -469,6 +471,9 @@ impl Peripheral for Rcc {
                     .set(value & crrcr::HSI48ON != 0, || Some(chance.span(HSI48_START)), now);
             }
             BDCR => self.write_bdcr(value)?,
+            // Without interrupts there are no flags to clear.
+            CIER => check_modelled("CIER", value, 0)?,
+            CICR => check_reserved("CICR", value, CICR_BITS)?,
             _ => return Err(refusal(offset)),
         }
         self.settle(now);

@@ -10,6 +10,7 @@ mod flash;
 mod init;
 mod peripherals;
 mod reset;
+mod reset_state;
 pub(super) mod uart;
 #[cfg(not(arm_at_usart3))]
 mod usart2;
@@ -24,6 +25,7 @@ pub(crate) use flash::{CONFIG_FLASH, ConfigFlash, FlashError, is_supply_low};
 pub(crate) use init::init;
 pub(crate) use peripherals::*;
 pub(crate) use reset::take_reset;
+pub(crate) use reset_state::{INTERRUPTS, reset_clocks};
 #[cfg(not(arm_at_usart3))]
 pub(crate) use usart2::*;
 #[cfg(arm_at_usart3)]
