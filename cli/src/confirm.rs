@@ -53,19 +53,14 @@ impl Question<'_> {
         let prompted =
             write!(stderr(), "{} Continue? [y/N] ", self.danger).and_then(|()| stdin().read_line(&mut answer));
         prompted.map_err(|error| Error::at("confirmation", error))?;
-        match is_yes(&answer) {
-            true => Ok(()),
-            false => Err(Error::Declined),
+        match answer.trim() {
+            "y" | "Y" | "yes" => Ok(()),
+            _ => Err(Error::Declined),
         }
     }
 }
 
-/// Waits for a yes on the terminal, in a thread of its own. Its result is false at the terminal's end.
-pub(crate) fn wait_for_yes() -> JoinHandle<bool> {
-    // Other lines are no answer: they may have been typed before the question.
-    thread::spawn(|| stdin().lines().map_while(Result::ok).any(|line| is_yes(&line)))
-}
-
-fn is_yes(answer: &str) -> bool {
-    matches!(answer.trim(), "y" | "Y" | "yes")
+/// Waits for a line with this word on the terminal, in a thread of its own. Its result is false at the terminal's end.
+pub(crate) fn wait_for(word: &'static str) -> JoinHandle<bool> {
+    thread::spawn(move || stdin().lines().map_while(Result::ok).any(|line| line.trim() == word))
 }

@@ -10,11 +10,13 @@ use std::time::Duration;
 use armwire::decoder::{Decoder, Kind};
 use armwire::ling::arrival::Tolerances;
 use armwire::ling::{
-    GripperSpeed, JOINTS, Ling as Protocol, MAX_FRAME, Move, Opening, Position, Request, SerialNumber, Speed, Torque,
+    GripperSpeed, JOINTS, Ling as Protocol, MAX_FRAME, Move, Opening, Position, Request, Rest, SerialNumber, Speed,
+    Torque,
 };
 use armwire::messages::Messages;
 use armwire::time::{self, Instant};
 use armwire_host::{Error, Ling, Rate, Reader, Reading, Shared};
+use armwire_sim::ling::legacy::{Config as LegacyConfig, LegacyArm};
 use armwire_sim::ling::{Config, LingArm};
 use armwire_sim::pty::Pty;
 use armwire_sim::serial::SerialDevice;
@@ -174,9 +176,33 @@ fn now() -> i64 {
     armwire_host::stamps::monotonic()
 }
 
-/// Loses the port of a moving arm after a number of bytes. It comes back with another arm first.
+/// The call in which the port is lost, beside the readings.
+#[derive(Clone, Copy, Debug)]
+enum Call {
+    Move,
+    Stop,
+    TorqueOff,
+    TorqueOn,
+}
+
+impl Call {
+    const ALL: [Self; 4] = [Self::Move, Self::Stop, Self::TorqueOff, Self::TorqueOn];
+
+    fn make(self, arm: &mut Ling) -> Result<(), Error> {
+        match self {
+            Self::Move => arm.move_to(&pose(2_500)),
+            Self::Stop => arm.stop(None).map(drop),
+            Self::TorqueOff => arm.set_torque(Torque::Off).map(drop),
+            Self::TorqueOn => arm.set_torque(Torque::On).map(drop),
+        }
+    }
+}
+
+/// Loses the port of a moving arm in this call, after a number of bytes. It comes back with another arm first.
 fn lose_and_come_back(nth: usize) {
     let path = path(&format!("lost-port-{nth}"));
+    let call = Call::ALL[nth % Call::ALL.len()];
+    let bytes = nth / Call::ALL.len() % BYTES;
     let (mut arm, mut other) = (
         Arm::new(Config::follower()),
         Arm::new(Config {
@@ -192,7 +218,11 @@ fn lose_and_come_back(nth: usize) {
             let latest = reader.latest_within(Duration::MAX).ok()?;
             (latest.pose.joints[0] > still + 50).then_some(())
         });
-        left.store(nth % BYTES, Ordering::Relaxed);
+        // The last byte may be one of the call, or of a reading after it.
+        let _ = reader.arm().call(|arm| {
+            left.store(bytes, Ordering::Relaxed);
+            call.make(arm)
+        });
         let reason = soon("the loss", || loss(&reader));
         let refused = reader.arm().call(|arm| arm.move_to(&pose(2_048))).unwrap_err();
         assert!(matches!(&refused, Error::Lost { .. }), "{refused} after {reason}");
@@ -223,19 +253,23 @@ fn lose_and_come_back(nth: usize) {
     let ((), requests) = plugged(&path, &mut arm, |_| {
         let first = reading_after(&reader, gone);
         assert!(first.time.monotonic_ns >= back, "a reading has a time without a port");
-        // The arm ends its move by itself.
-        soon("the end of the move", || {
-            let latest = reader.latest_within(Duration::MAX).ok()?;
-            pose(2_400)
-                .away(&latest.pose, &Tolerances::MOVE)
-                .is_none()
-                .then_some(())
+        // Nothing goes on with the call.
+        let mut rest = Rest::new();
+        let mut number = first.number;
+        soon("the rest of the arm", || {
+            let reading = reader.next_after(number, SOON).ok()??;
+            number = reading.number;
+            let at = Instant::from_micros(u64::try_from(reading.time.monotonic_ns).unwrap() / 1_000);
+            (rest.on_joints(at, &reading.pose.joints).ok()? >= Rest::TIME).then_some(())
         });
     });
-    assert!(requests.iter().all(is_read), "{requests:?}");
+    assert!(requests.iter().all(is_read), "{call:?}: {requests:?}");
 
     plugged(&path, &mut arm, |_| {
         reading_after(&reader, now());
+        soon("the torque", || {
+            reader.arm().call(|arm| arm.set_torque(Torque::On)).ok()
+        });
         let target = pose(2_048);
         let arrive = |arm: &mut Ling| arm.move_and_wait(&target, Tolerances::MOVE, SOON);
         let state = soon("a move", || reader.arm().call(arrive).ok());
@@ -292,6 +326,8 @@ fn torque_that_came_on_meanwhile_moves_nothing() {
     assert!(requests.iter().all(is_read), "{requests:?}");
     plugged(&path, &mut arm, |_| {
         ling.reopen().unwrap();
+        // A stop is no permission.
+        ling.stop(None).unwrap();
         assert!(matches!(ling.move_to(&pose(2_400)), Err(Error::TorqueSwitched { .. })));
         ling.set_torque(Torque::On).unwrap();
         let target = pose(2_400);
@@ -312,4 +348,32 @@ fn unknown_arm_is_not_opened_again() {
         assert!(matches!(shared.call(|arm| arm.read_joints()), Err(Error::Lost { .. })));
     });
     assert_eq!(requests, []);
+}
+
+#[test]
+fn older_arm_on_the_port_is_another_arm() {
+    let path = path("lost-port-older");
+    let mut arm = Arm::new(Config::follower());
+    let (reader, _) = plugged(&path, &mut arm, |_| {
+        let reader = open(&path).reader(Rate::new(100).unwrap()).unwrap();
+        reading_after(&reader, 0);
+        reader
+    });
+    soon("the loss", || loss(&reader));
+    let (pty, gone) = (Pty::open(Some(&path)).unwrap(), AtomicBool::new(false));
+    let mut older = LegacyArm::new(LegacyConfig::default());
+    thread::scope(|scope| {
+        scope.spawn(|| serve(&mut older, &pty, &gone).unwrap());
+        let named = scope.spawn(|| {
+            soon("the older arm", || {
+                loss(&reader).filter(|reason| reason.contains("another arm"))
+            })
+        });
+        let named = named.join();
+        gone.store(true, Ordering::Relaxed);
+        named.unwrap();
+    });
+    assert_eq!(older.counters().bytes, 0);
+    drop(pty);
+    plugged(&path, &mut arm, |_| reading_after(&reader, now()));
 }

@@ -56,6 +56,7 @@ pub(crate) fn exception(error: Error) -> PyErr {
         Error::Lost { .. } | Error::Stuck { .. } => PortLostError::new_err(text),
         Error::Refused { .. }
         | Error::TorqueOff { .. }
+        | Error::TorqueSwitched { .. }
         | Error::Immovable { .. }
         | Error::MotionRefused { .. }
         | Error::NoEffect { .. }

@@ -24,6 +24,8 @@ enum Part {
     Adapter,
     /// Stops and arrivals of 10 000 arms with weight
     Plants,
+    /// A thousand losses of a port, each in another moment of a call
+    Ports,
     /// Clippy and tests with every set of features
     Features,
     /// The crates' tests from their packages, and a release, used without Rust, and built twice
@@ -67,6 +69,9 @@ impl Part {
             Self::Streams => process::run(cargo(test).arg("reference").env("ARMWIRE_STREAMS", "300000")),
             Self::Adapter => process::run(cargo(test).arg("adapter_runs").env("ARMWIRE_RUNS", "1000000")),
             Self::Plants => process::run(cargo(test).arg("stop_with_weight").env("ARMWIRE_PLANTS", "10000")),
+            Self::Ports => process::run(
+                cargo("test --release --package armwire-host --test lost_port").env("ARMWIRE_RUNS", "1000"),
+            ),
             Self::Features => features::every_set(),
             Self::Release => {
                 packages::check(packages::Tests::Run)?;

@@ -96,7 +96,7 @@ impl Readings {
                     }
                 });
             match watched {
-                Err(Error::Host(Host::Legacy { name, legacy })) if !is_legacy => {
+                Err(Error::Host(Host::Legacy { name, legacy })) if !is_legacy && known.is_none() => {
                     session.notify(format!("{name}: this is {legacy}"))?;
                     is_legacy = true;
                 }
@@ -176,10 +176,12 @@ fn identify(arm: &mut Ling, known: &mut Option<Known>) -> Result<(), Host> {
         return arm.require_known(known);
     }
     match arm.read_info() {
-        Ok(_) => *known = Some(arm.known()),
+        Ok(_) => {
+            *known = Some(arm.known());
+            Ok(())
+        }
+        Err(error @ (Host::Lost { .. } | Host::Legacy { .. })) => Err(error),
         // An arm that is off, or on a noisy line, is waited for.
-        Err(Host::NoAnswer { .. }) => {}
-        Err(error) => return Err(error),
+        Err(_) => Ok(()),
     }
-    Ok(())
 }

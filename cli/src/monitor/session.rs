@@ -134,8 +134,11 @@ impl<'a> Session<'a> {
                 self.model.reconnects += 1;
                 true
             }
-            // Another arm on the port is news, a port that is still missing is none.
-            Some(before) => matches!(error, Error::Host(armwire_host::Error::Lost { .. })) && *before != text,
+            // Another arm on the port is news, or another program that has it. A port that is still missing is none.
+            Some(before) => {
+                use armwire_host::Error::{InUse, Lost};
+                matches!(error, Error::Host(Lost { .. } | InUse { .. })) && *before != text
+            }
         };
         if is_new {
             self.notify(format!("waiting for the port: {text}"))?;

@@ -68,13 +68,13 @@ impl Leader {
     pub(super) fn request(&mut self, follow: &Follow) -> Result<(), Error> {
         if let Some(loss) = &mut self.loss
             && loss.retry <= Instant::now()
-            && matches!(follow.progress(), Progress::Waiting(..))
+            && matches!(follow.progress(), Progress::Starting | Progress::Waiting(..))
         {
             match self.stream.reopen() {
                 Ok(()) => self.loss = None,
                 Err(error @ Host::Interrupted(_)) => return Err(error.into()),
-                // Another arm is on the port.
-                Err(error @ Host::Lost { .. }) => loss.retry_for(error.to_string()),
+                // Another arm is on the port, or another program has it.
+                Err(error @ (Host::Lost { .. } | Host::InUse { .. })) => loss.retry_for(error.to_string()),
                 Err(_) => loss.retry = Instant::now() + RETRY_PERIOD,
             }
         }
@@ -101,6 +101,7 @@ impl Leader {
             Err(error @ Host::Interrupted(_)) => Err(error.into()),
             Err(error) if self.exit_on_loss => Err(error.into()),
             Err(error) => {
+                self.stream.disconnect(error.to_string().into());
                 self.loss = Some(Loss {
                     reason: error.to_string(),
                     is_told: false,

@@ -30,6 +30,9 @@ use arm::{open, prepare};
 use leader::Leader;
 use sums::Sums;
 
+/// The word that confirms that a follower follows again. It is no answer to another question, which may wait in the
+/// terminal.
+const GO_ON: &str = "follow";
 /// The longest wait for readings of one arm, before those of the other.
 const SLICE: Duration = Duration::from_millis(2);
 
@@ -189,8 +192,8 @@ impl Session<'_> {
         while let Err(error) = follower.reopen() {
             match error {
                 Host::Interrupted(_) => return Err(error.into()),
-                // Another arm is on the port.
-                Host::Lost { .. } if told != error.to_string() => {
+                // Another arm is on the port, or another program has it.
+                Host::Lost { .. } | Host::InUse { .. } if told != error.to_string() => {
                     told = error.to_string();
                     self.status.beside(|| tell(&told));
                 }
@@ -198,9 +201,9 @@ impl Session<'_> {
             }
             self.wait(RETRY_PERIOD)?;
         }
-        let question = format!("{} is back. It follows again after y and Enter", follower.name());
+        let question = format!("{} is back. To let it follow again, type {GO_ON}", follower.name());
         self.status.beside(|| print_line(question))?;
-        let answer = confirm::wait_for_yes();
+        let answer = confirm::wait_for(GO_ON);
         while !answer.is_finished() {
             self.wait(SLICE)?;
         }

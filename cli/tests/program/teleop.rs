@@ -327,7 +327,7 @@ fn ctrl_c_beside_a_silent_follower_says_one_thing() {
 }
 
 #[test]
-fn follower_whose_port_was_lost_follows_after_a_yes() {
+fn follower_whose_port_was_lost_follows_when_told_to() {
     let mut terminal = Terminal::new(100, 10);
     let mut pair = Pair::new();
     let child = terminal.start_whole(&["teleop", pair.leader.port(), pair.follower.port()]);
@@ -341,15 +341,14 @@ fn follower_whose_port_was_lost_follows_after_a_yes() {
     };
     wait_for(&mut pair, "following");
     pair.follower.replug();
-    wait_for(&mut pair, "is back. It follows again after y and Enter");
+    wait_for(&mut pair, "is back. To let it follow again, type follow");
     let requests = pair.follower.arm.counters().requests;
     pair.leader.push(2_100);
-    // An empty line is no yes.
-    terminal.pty.write(b"\n").unwrap();
+    terminal.pty.write(b"\ny\n").unwrap();
     let deadline = Instant::now() + std::time::Duration::from_millis(300);
     pair.serve_until(|_| Instant::now() > deadline);
     assert_eq!(pair.follower.arm.counters().requests, requests);
-    terminal.pty.write(b"y\n").unwrap();
+    terminal.pty.write(b"follow\n").unwrap();
     assert!(pair.serve_until(|pair| pair.follower.arm.joints()[0] > 2_090));
     let _ = kill_process(Pid::from_child(&child), Signal::INT);
     assert!(pair.serve_until(|_| {

@@ -365,8 +365,9 @@ impl Ling {
     /// Sends the request that has this effect, and reads nothing back.
     pub fn send(&mut self, effect: Effect) -> Result<(), Error> {
         self.may_move = false;
+        // Also a request that is cut short may arrive.
+        self.known.note_switching(effect.drops_arm());
         self.link.send(&effect.request())?;
-        self.known.note_switching();
         if effect.drops_arm() {
             (self.gripper, self.target) = (None, None);
         }
@@ -436,10 +437,15 @@ impl Ling {
         self.last = Some(*state);
         self.is_own = !matches!(state.status, MotionStatus::Foreign(_));
         self.known.note(state.status);
-        self.may_move = state.status.check_motion().is_ok() && !self.known.is_switched_by_others();
+        self.may_move = self.permits_motion(state);
         if state.status.is_torque_off() {
             (self.gripper, self.target) = (None, None);
         }
+    }
+
+    /// True if a reading, the last one, permits motion.
+    fn permits_motion(&self, state: &JointState) -> bool {
+        state.status.check_motion().is_ok() && !self.known.must_be_off()
     }
 
     /// Sends a move.
@@ -469,10 +475,14 @@ impl Ling {
         let stopped = drive(&mut self.link, &mut stop)?;
         match stopped {
             Stopped::AtRest { state, .. } => {
-                (self.gripper, self.may_move) = (gripper, state.status.check_motion().is_ok());
+                self.known.note(state.status);
+                (self.gripper, self.may_move) = (gripper, self.permits_motion(&state));
                 self.target = stop.held().copied();
             }
-            Stopped::WithoutTorque(_) => self.gripper = None,
+            Stopped::WithoutTorque(state) => {
+                self.known.note(state.status);
+                self.gripper = None;
+            }
         }
         Ok(stopped)
     }
@@ -495,7 +505,7 @@ impl Ling {
     /// The error of a motion that this reading forbids.
     fn immovable(&self, state: &JointState, effect: TorqueOffEffect) -> Error {
         match state.status.check_motion() {
-            Ok(()) if self.known.is_switched_by_others() => Error::TorqueSwitched {
+            Ok(()) if self.known.must_be_off() => Error::TorqueSwitched {
                 name: self.link.name().into(),
             },
             Err(reason) if !state.status.is_torque_off() => Error::Immovable {

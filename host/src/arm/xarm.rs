@@ -59,17 +59,35 @@ impl XArm {
     }
 
     /// Connects again, after a loss, and reads whether the arm is the one with the serial numbers that were read before.
+    /// After an error the connection is closed.
     pub(crate) fn reopen(&mut self) -> Result<(), Error> {
+        let opened = self.open_and_compare();
+        if let Err(error) = &opened {
+            self.link.disconnect(error.loss());
+        }
+        opened
+    }
+
+    /// Opens the port again as [`reopen`](Self::reopen), without the interrupt.
+    pub(crate) fn reopen_uninterrupted(&mut self) -> Result<(), Error> {
+        let check = self.link.take_check();
+        let opened = self.reopen();
+        self.link.set_check(check);
+        opened
+    }
+
+    fn open_and_compare(&mut self) -> Result<(), Error> {
         self.disconnect("the connection is being opened again".into());
+        if self.serials.is_empty() {
+            let reason = "the arm's serial numbers were not read before the loss: it may be another arm";
+            return Err(Error::lost(self.name(), reason));
+        }
         let line = Box::new(Tcp::connect(&self.host, false)?);
         self.link.replace_line(line, armwire::xarm::XArm::CONFIG);
         let now = self.read_serials(|serials| serials.0.to_vec())?.value;
         match self.serials == now {
             true => Ok(()),
-            false => Err(Error::lost(
-                self.name(),
-                "another arm is on this host than before, or it was not known",
-            )),
+            false => Err(Error::lost(self.name(), "another arm is on this host than before")),
         }
     }
 

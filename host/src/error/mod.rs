@@ -54,7 +54,7 @@ pub enum Error {
     Interrupted(Box<dyn error::Error + Send + Sync>),
     /// The port or the connection is gone that was open, or its arm: it may come back.
     Lost { name: Outside, reason: Outside },
-    /// The torque is on. It was off before the port was lost, and nobody here switched it: nothing was sent.
+    /// The torque is on. It was off before the port was lost, and this program has not switched it: nothing was sent.
     TorqueSwitched { name: Outside },
     /// Another program uses the port, or this process does. `user` describes it.
     InUse { name: Outside, user: Outside },
@@ -191,6 +191,14 @@ impl Error {
         Self::Lost { name, reason }
     }
 
+    /// The reason of a loss that this error of an opening goes on with.
+    pub(crate) fn loss(&self) -> Outside {
+        match self {
+            Self::Lost { reason, .. } => reason.clone(),
+            error => format!("the port is not open again ({error})").into(),
+        }
+    }
+
     /// A port that was unplugged.
     pub(crate) fn unplugged(name: &str, error: &io::Error) -> Self {
         Self::lost(name, format_args!("the port is gone ({error}): was it unplugged?"))
@@ -209,10 +217,10 @@ impl Error {
                 at(name, &what)
             }
             Self::Interrupted(reason) => reason.to_string().into(),
-            Self::TorqueSwitched { name } => {
-                let what = "the torque is on, and was off before the port was lost, so nothing was sent";
-                at(name, what).remedy(Remedy::TorqueOn)
-            }
+            Self::TorqueSwitched { name } => at(
+                name,
+                "the torque is on, and was off before the port was lost, so nothing was sent: switch it first",
+            ),
             Self::InUse { name, user } => at(name, &format!("in use by {user}: close that one first")),
             Self::Stuck { name } => at(name, "the port accepts no bytes: is the adapter stuck?"),
             Self::Legacy { name, legacy } => at(name, &format!("this is {legacy}")).remedy(Remedy::Listen),

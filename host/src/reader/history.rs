@@ -17,7 +17,7 @@ const KEPT: u64 = 2_048;
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Missing {
     NoPose(NoPose),
-    /// The reader has ended.
+    /// The port is lost, or the reader has ended.
     Ended(End),
 }
 

@@ -57,7 +57,8 @@ pub trait Readable: Send + 'static {
     /// Closes the port. Calls fail with this reason, as [`Error::Lost`].
     fn disconnect(&mut self, reason: Outside);
 
-    /// Opens the port again, and compares the arm with what [`identify`](Self::identify) has read. Only reads are sent.
+    /// Opens the port again without the interrupt, and compares the arm with what [`identify`](Self::identify) has read. Only
+    /// reads are sent.
     ///
     /// # Errors
     ///
@@ -102,7 +103,7 @@ impl Readable for Ling {
     }
 
     fn reopen(&mut self) -> Result<(), Error> {
-        self.reopen()
+        self.reopen_uninterrupted()
     }
 
     fn on_pose(&mut self) -> &mut Option<OnPose<JointState>> {
@@ -142,7 +143,7 @@ impl Readable for XArm {
     }
 
     fn reopen(&mut self) -> Result<(), Error> {
-        self.reopen()
+        self.reopen_uninterrupted()
     }
 
     fn on_pose(&mut self) -> &mut Option<OnPose<XArmPose>> {

@@ -46,7 +46,7 @@ pub struct Counts {
     pub missed: u64,
 }
 
-/// The reason why a reader has ended.
+/// The reason why there are no readings: after a loss there may be some again.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum End {
     Lost(Outside),

@@ -131,12 +131,13 @@ impl<A: Readable> Session<A> {
     /// # Errors
     ///
     /// The end of the reader.
-    fn reopen(&self, lost: Source, mut reason: Outside) -> Result<Source, End> {
+    fn reopen(&self, lost: Source, mut loss: Outside) -> Result<Source, End> {
+        let mut reason = loss.clone();
+        self.history.set_end(Some(End::Lost(reason.clone())));
         let is_polled = lost.is_polled();
         // Its port would keep its name from the device that comes back.
         drop(lost);
         while !self.is_stopped() {
-            self.history.set_end(Some(End::Lost(reason.clone())));
             let opened = self.arm.call(A::reopen).and_then(|()| match is_polled {
                 true => Source::find(&self.arm, self.rate),
                 false => Ok(Source::Arm),
@@ -146,14 +147,19 @@ impl<A: Readable> Session<A> {
                     self.history.set_end(None);
                     return Ok(source);
                 }
-                // The control port is not there yet.
-                Ok(_) => {}
-                Err(error) => match End::by(error) {
-                    Some(End::Lost(now)) => reason = now,
-                    Some(end) => return Err(end),
-                    None => {}
-                },
+                Ok(_) => reason = format!("{}; the adapter's control port is not free", loss.as_str()).into(),
+                Err(Error::Lost { reason: now, .. }) => {
+                    loss = now;
+                    reason = loss.clone();
+                }
+                Err(error) => {
+                    reason = format!("{}; now: {error}", loss.as_str()).into();
+                    if let Some(end) = End::by(error) {
+                        return Err(end);
+                    }
+                }
             }
+            self.history.set_end(Some(End::Lost(reason.clone())));
             let disconnect = |arm: &mut A| {
                 arm.disconnect(reason.clone());
                 Ok::<_, Error>(())
@@ -262,6 +268,9 @@ mod tests {
         let (first, second) = (next(0), next(1));
         assert_eq!([first.pose, second.pose], [1, 2].map(state));
         assert!(first.time.monotonic_ns <= second.time.monotonic_ns);
-        assert_eq!(session.arm.take().unwrap().losses, ["gone"]);
+        assert_eq!(
+            session.arm.take().unwrap().losses,
+            ["gone; the adapter's control port is not free"]
+        );
     }
 }

@@ -31,13 +31,13 @@ impl Known {
         self.must_be_off &= !self.is_torque_off;
     }
 
-    /// The torque is switched by this program: what it was before does not matter any more.
-    pub(super) fn note_switching(&mut self) {
-        self.must_be_off = false;
+    /// The torque is switched by this program, off or on: what it was before does not matter any more.
+    pub(super) fn note_switching(&mut self, is_off: bool) {
+        (self.is_torque_off, self.must_be_off) = (is_off, false);
     }
 
-    /// True if the torque was off before the port was lost, and nobody here has switched it on.
-    pub(super) fn is_switched_by_others(&self) -> bool {
+    /// True if the torque was off before the port was lost, and this program has not switched it since.
+    pub(super) fn must_be_off(&self) -> bool {
         self.must_be_off
     }
 }
@@ -59,7 +59,7 @@ impl Ling {
             let reason = "the arm's serial number was not read before the loss: it may be another arm";
             return Err(Error::lost(self.name(), reason));
         };
-        let Info { serial: now, .. } = self.link.read(&Request::ReadInfo)?;
+        let Info { serial: now, .. } = self.link.read(&Request::ReadInfo).map_err(other_arm)?;
         if now != before {
             let reason = format_args!("another arm is on this port: {now}, and not {before}");
             return Err(Error::lost(self.name(), reason));
@@ -80,11 +80,17 @@ impl Ling {
     /// was never read: the port is left alone then. After an error the port is closed, and calls fail as [`Error::Lost`].
     pub fn reopen(&mut self) -> Result<(), Error> {
         let opened = self.open_and_compare();
-        match &opened {
-            Ok(()) => {}
-            Err(Error::Lost { reason, .. }) => self.link.disconnect(reason.clone()),
-            Err(_) => self.link.disconnect("the port could not be opened again".into()),
+        if let Err(error) = &opened {
+            self.link.disconnect(error.loss());
         }
+        opened
+    }
+
+    /// Opens the port again as [`reopen`](Self::reopen), without the interrupt.
+    pub(crate) fn reopen_uninterrupted(&mut self) -> Result<(), Error> {
+        let check = self.link.take_check();
+        let opened = self.reopen();
+        self.link.set_check(check);
         opened
     }
 
@@ -93,10 +99,12 @@ impl Ling {
         // A port that is kept open keeps its name from the device that comes back.
         self.link.disconnect("the port is being opened again".into());
         self.refusals = Refusals::default();
-        (self.target, self.last, self.may_move) = (None, None, false);
+        // A call that moves the arm in steps ends.
+        self.stops += 1;
+        (self.gripper, self.target, self.last, self.may_move) = (None, None, None, false);
         if known.serial.is_some() {
             self.connection.reopen()?;
-            let (line, config) = legacy::open(&self.connection)?;
+            let (line, config) = legacy::open(&self.connection).map_err(other_arm)?;
             self.link.replace_line(line, config);
         }
         self.require_known(&known)
@@ -113,5 +121,15 @@ impl Ling {
     /// Closes the port. Calls fail with this reason, as [`Error::Lost`].
     pub(crate) fn disconnect(&mut self, reason: Outside) {
         self.link.disconnect(reason);
+    }
+}
+
+/// An arm of the older generation is another one than the arm before.
+fn other_arm(error: Error) -> Error {
+    match error {
+        Error::Legacy { name, legacy } => {
+            Error::lost(name.as_str(), format_args!("another arm is on this port: {legacy}"))
+        }
+        error => error,
     }
 }

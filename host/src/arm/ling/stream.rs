@@ -7,6 +7,7 @@ use armwire::ling::effect::Effect;
 use armwire::ling::{JointState, Move, Request, Response};
 
 use super::{Known, Ling};
+use crate::error::outside::Outside;
 use crate::error::{Error, TorqueOffEffect};
 use crate::ports::link::LineErrors;
 use crate::time::stamps::HostTime;
@@ -116,6 +117,11 @@ impl Stream {
         self.arm.send(effect)?;
         self.arm.may_move = may_move;
         Ok(())
+    }
+
+    /// Closes a port that was lost: one that is kept open keeps its name from the device that comes back.
+    pub fn disconnect(&mut self, reason: Outside) {
+        self.arm.disconnect(reason);
     }
 
     /// Opens the port again, after a loss: see [`Ling::reopen`].

@@ -12,7 +12,7 @@ pub(crate) const PERIOD: Duration = Duration::from_millis(100);
 pub type Interrupt = Result<(), Box<dyn error::Error + Send + Sync>>;
 
 /// The check of a program.
-pub(super) type Check = Box<dyn FnMut() -> Interrupt + Send>;
+pub(crate) type Check = Box<dyn FnMut() -> Interrupt + Send>;
 
 /// The check, if any, and its last error.
 #[derive(Default)]

@@ -27,7 +27,7 @@ use crate::ports::lost_line::LostLine;
 use crate::ports::tap::Tap;
 use crate::time::stamps::HostTime;
 pub use interrupt::Interrupt;
-pub(crate) use interrupt::PERIOD as INTERRUPT_PERIOD;
+pub(crate) use interrupt::{Check, PERIOD as INTERRUPT_PERIOD};
 use line_client::LineClient;
 pub use line_errors::LineErrors;
 
@@ -86,10 +86,19 @@ impl<P: Arm> Link<P> {
 
     /// Runs calls without the interrupt.
     pub(crate) fn uninterrupted<T>(&mut self, run: impl FnOnce(&mut Self) -> T) -> T {
-        let check = self.client.interrupter.take();
+        let check = self.take_check();
         let result = run(self);
-        self.client.interrupter.set(check);
+        self.set_check(check);
         result
+    }
+
+    /// Takes the check of the interrupt, if there is one.
+    pub(crate) fn take_check(&mut self) -> Option<Check> {
+        self.client.interrupter.take()
+    }
+
+    pub(crate) fn set_check(&mut self, check: Option<Check>) {
+        self.client.interrupter.set(check);
     }
 
     /// The frame that ended the last call: an answer, which may have more bytes than its response contains. Empty if
