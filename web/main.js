@@ -32,6 +32,7 @@ const STATE_TEXTS = {
 };
 // The end of a notice about a port that is back.
 const MOTION_OFF = 'Motion is off until you enable it.';
+const UNKNOWN_ARM = 'Motion stays off until the arm has told its serial number: it may be another arm.';
 
 const element = (id) => document.getElementById(id);
 
@@ -125,6 +126,7 @@ class Page {
 
   // Closes the current connection, then connects. One at a time: a port may come back while the user connects.
   #connect(open) {
+    this.#lostPort = null;
     const connected = this.#connecting.then(async () => {
       this.#holds.releaseAll();
       this.#notify('');
@@ -214,12 +216,13 @@ class Page {
     element('notice-text').textContent = text;
   }
 
-  // Names an arm other than the one before its port was lost. Motion may be enabled by now, but not for this arm.
+  // Names an arm other than the one before its port was lost.
   #compareArm() {
     const arm = this.#engine.serial();
-    if (arm === '' || this.#lostArm === '' || arm === this.#lostArm) return;
-    this.#enableMotion(false);
-    this.#notify(`Another arm is on this port: ${arm}, before ${this.#lostArm}. ${MOTION_OFF}`);
+    if (arm === '' || this.#lostArm === '') return;
+    if (arm !== this.#lostArm) {
+      this.#notify(`Another arm is on this port: ${arm}, before ${this.#lostArm}. ${MOTION_OFF}`);
+    }
     this.#lostArm = '';
   }
 
@@ -279,7 +282,12 @@ class Page {
       this.#showHeld();
     };
     listenToKeys(this.#holds, document);
-    element('enable').addEventListener('change', (event) => this.#enableMotion(event.target.checked));
+    element('enable').addEventListener('change', (event) => {
+      // Another arm would move before it is named.
+      const isUnknown = this.#lostArm !== '';
+      if (isUnknown && event.target.checked) this.#notify(UNKNOWN_ARM);
+      this.#enableMotion(event.target.checked && !isUnknown);
+    });
     element('speed').addEventListener('input', (event) => {
       element('speed-text').textContent = `${event.target.value}°/s`;
       this.#engine.setSpeed(event.target.value / DEGREES);

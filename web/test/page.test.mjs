@@ -196,6 +196,7 @@ pageTest('an unplugged arm is silent and answers after reconnection', async (pag
 
 const LOST = 'The port is closed, and is opened when it is back: The device has been lost.';
 const BACK = 'The port is back. Motion is off until you enable it.';
+const UNKNOWN_ARM = 'Motion stays off until the arm has told its serial number: it may be another arm.';
 const OTHER = 'Another arm is on this port: ADFS251205654321, before ADFS251205123456. Motion is off until you enable it.';
 
 const kinds = (page) => page.evaluate(() => window.fakeSerial.kinds());
@@ -237,11 +238,19 @@ lossTest('a lost port is opened when it is back, and only reads are sent before 
   await moves(page, 0, 0);
 });
 
+lossTest('motion stays off until the arm of a lost port is known', async (page) => {
+  await plugIn(page, { info: [] });
+  await notice(page, BACK);
+  await page.locator('#enable').click();
+  await notice(page, UNKNOWN_ARM);
+  assert.ok(!(await page.locator('#enable').isChecked()));
+  await page.keyboard.up('KeyQ');
+  await page.keyboard.down('KeyQ');
+  await assertStill(page, 0);
+});
 lossTest('another arm on a port that is back is named', async (page, reads) => {
   const body = [0x01, 0x00, 24, ...Buffer.from('ADFS251205654321'), 0, 0, 0, 0, 0, 0, 0, 0];
   await plugIn(page, { info: [0xaa, ...body, crc32(Uint8Array.from(body)) & 0xff, 0xff] });
-  await notice(page, BACK);
-  await page.locator('#enable').check();
   await notice(page, OTHER);
   await rest(page);
   assert.ok(!(await page.locator('#enable').isChecked()));
