@@ -9,7 +9,8 @@
 //!                 usb::run             ──── │ bridge │
 //!  hosts ─ CAN ── can::run             ←──→ └────────┘ ←→ time::tick, action::run
 //! ```
-#![no_std]
+// With `std` a check of the workspace, and an editor, reads it on a computer, too.
+#![cfg_attr(target_os = "none", no_std)]
 #![no_main]
 
 // Before the others, which use its macros.

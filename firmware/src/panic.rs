@@ -13,7 +13,8 @@ use crate::board;
 use crate::restart;
 
 #[cfg_attr(not(feature = "defmt"), allow(unused_variables))]
-#[panic_handler]
+#[cfg_attr(target_os = "none", panic_handler)]
+#[cfg_attr(not(target_os = "none"), expect(dead_code))]
 fn panic(info: &PanicInfo<'_>) -> ! {
     cortex_m::interrupt::disable();
     restart::panicked();

@@ -74,6 +74,9 @@ pub(crate) fn run() -> Result<()> {
             "clippy {HOST} --all-targets --all-features -- -D warnings"
         )))
     })?;
+    ci.step("type check of the workspace", || {
+        process::run(&mut cargo("check --workspace --all-targets"))
+    })?;
     ci.step("documentation", || {
         let doc =
             |select: &str| process::run(cargo(&format!("doc {select} --no-deps")).env("RUSTDOCFLAGS", "-D warnings"));
