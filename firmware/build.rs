@@ -1,5 +1,5 @@
-//! Passes the board's memory map to the linker as the `memory.x` that the workspace includes: a plain `cargo build
-//! --target …` then links.
+//! Passes the board's memory map to the linker as the `memory.x` that the workspace includes: a plain `cargo build` then
+//! links.
 
 use std::path::Path;
 use std::process::Command;
@@ -22,6 +22,7 @@ const SOURCES: [&str; 6] = [
 
 fn main() {
     println!("cargo:rustc-env=ARMWIRE_COMMIT={}", commit());
+    warn_of_other_profiles();
     let here = env::var("CARGO_MANIFEST_DIR").expect("cargo sets CARGO_MANIFEST_DIR");
     let out = env::var("OUT_DIR").expect("cargo sets OUT_DIR");
     let chosen = |board: &&str| env::var_os(format!("CARGO_FEATURE_BOARD_{}", board.to_uppercase())).is_some();
@@ -51,6 +52,15 @@ fn main() {
     println!("cargo:rustc-link-arg-bins=--icf=all");
     if env::var_os("CARGO_FEATURE_DEFMT").is_some() {
         println!("cargo:rustc-link-arg-bins=-Tdefmt.x");
+    }
+}
+
+/// Warns of a build outside of this folder, which takes the profiles of the workspace.
+fn warn_of_other_profiles() {
+    println!("cargo:rerun-if-env-changed=ARMWIRE_PROFILES");
+    let is_image = env::var("CARGO_CFG_TARGET_OS").is_ok_and(|system| system == "none");
+    if is_image && env::var_os("ARMWIRE_PROFILES").is_none() {
+        println!("cargo:warning=this is not the image that ships: `cd firmware` first, where cargo has its profiles");
     }
 }
 

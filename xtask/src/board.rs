@@ -29,19 +29,6 @@ impl Update {
     }
 }
 
-/// Levels of optimisation, as in a profile of cargo.
-const SPEED: &str = "3";
-const SIZE: &str = "\"s\"";
-
-/// The optimisation of an image.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Optimisation {
-    /// The level of most packages, if it is not the profile's.
-    pub(crate) level: Option<&'static str>,
-    /// Packages with a level of their own.
-    pub(crate) packages: &'static [(&'static str, &'static str)],
-}
-
 impl Board {
     pub(crate) const STM32F405: Self = Self::of(Chip::Stm32f405);
     pub(crate) const STM32G431: Self = Self::of(Chip::Stm32g431);
@@ -126,31 +113,12 @@ impl Board {
         }
     }
 
-    /// The optimisation of the shipped image, or of that with a log.
-    pub(crate) const fn optimisation(self, log: bool) -> Optimisation {
+    /// The profile of the shipped image, or of that with a log: see `firmware/.cargo/config.toml`.
+    pub(crate) const fn profile(self, log: bool) -> &'static str {
         match (self.0.chip, log) {
-            // At the profile's level the log does not fit into the flash of the STM32G431. These packages are smaller when
-            // their small functions are inlined: each such function has its own reports of a panic.
-            (_, true) => Optimisation {
-                level: Some("z"),
-                packages: &[("armwire", SPEED), ("embassy-stm32", SIZE), ("embassy-usb", SPEED)],
-            },
-            (Chip::Stm32f405, false) => Optimisation {
-                level: None,
-                packages: &[
-                    ("armwire", SPEED),
-                    ("armwire-bridge", SPEED),
-                    ("armwire-firmware", SPEED),
-                    ("embassy-executor", SPEED),
-                    ("embassy-sync", SPEED),
-                    ("embassy-usb-synopsys-otg", SPEED),
-                ],
-            },
-            // The STM32G431 has no flash left for it.
-            (Chip::Stm32g431 | Chip::Rp2040, false) => Optimisation {
-                level: None,
-                packages: &[],
-            },
+            (_, true) => "log",
+            (Chip::Stm32f405, false) => "release",
+            (Chip::Stm32g431 | Chip::Rp2040, false) => "small",
         }
     }
 
@@ -179,20 +147,7 @@ impl ValueEnum for Board {
 
 #[cfg(test)]
 mod tests {
-    use std::fs;
-
     use super::*;
-    use crate::workspace::root;
-
-    /// Cargo only warns about an unknown package.
-    #[test]
-    fn packages_with_a_level_exist() {
-        let lock = fs::read_to_string(root().join("Cargo.lock")).unwrap();
-        let optimisations = Board::all().flat_map(|board| [false, true].map(|log| board.optimisation(log)));
-        for (package, _) in optimisations.flat_map(|optimisation| optimisation.packages) {
-            assert!(lock.contains(&format!("name = \"{package}\"\n")), "{package}");
-        }
-    }
 
     #[test]
     fn options_name_boards_as_files_do() {

@@ -8,7 +8,7 @@ use anyhow::{Context, Result};
 use serde_json::Value;
 
 use crate::process::{output, run};
-use crate::workspace::root;
+use crate::workspace::{firmware, root};
 
 /// The subcommands, with the version and the options for installing a missing one. Optimising the build of cargo-deny
 /// takes minutes, and saves seconds. cargo-about compares the texts of licences, for minutes without optimisation.
@@ -28,6 +28,15 @@ pub(crate) fn cargo(words: &str) -> Command {
     let mut cargo = Command::new(env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
     cargo.args(words.split_whitespace()).current_dir(root());
     forget_our_package(&mut cargo);
+    cargo
+}
+
+/// The same as typed in the folder of the firmware: cargo's configuration there has target, profiles and chip.
+pub(crate) fn cargo_in_firmware(words: &str) -> Command {
+    let mut cargo = cargo(words);
+    // The environment would override the chip for probe-rs, and the board of the chip.
+    cargo.env_remove("PROBE_RS_CHIP").env_remove("ARMWIRE_BOARD");
+    cargo.current_dir(firmware());
     cargo
 }
 

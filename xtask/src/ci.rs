@@ -12,14 +12,14 @@ use crate::process;
 use crate::steps::Steps;
 use crate::workspace::{ALONE, root};
 use crate::{
-    apt, c_library, campaign, circles, fuzz, integrity, packages, parallel, performance, readme, ros2, semver,
+    apt, c_library, campaign, circles, fuzz, integrity, packages, parallel, performance, readme, ros2, semver, workflow,
 };
 
 /// Everything but the firmware.
 const HOST: &str = "--workspace --exclude armwire-firmware";
 /// Commands that mostly build, in directories of their own. One at a time they would leave a core idle for half of the
 /// time: only one core links an image.
-const BUILDS: [&str; 8] = [
+const BUILDS: [&str; 9] = [
     "deny",
     "examples",
     "targets",
@@ -28,6 +28,8 @@ const BUILDS: [&str; 8] = [
     "features",
     "fw --defmt --board stm32g431",
     "no-panic",
+    // Last: it has the profile of the other image, and would wait for it.
+    "fw --board pico",
 ];
 /// Commands that mostly wait for programs in real time. The first takes as long as the others together.
 const PROGRAMS: [&str; 5] = [
@@ -114,6 +116,8 @@ pub(crate) fn run() -> Result<()> {
     ci.step("fuzzing", || fuzz::run(&fuzz::Options::new(5, 1)))?;
     let g431 = ci.step("firmware image for the STM32G431", || image::release(Board::STM32G431))?;
     let f405 = ci.step("firmware image for the STM32F405", || image::release(Board::STM32F405))?;
+    // The images are built, and no board by name has taken their place yet.
+    ci.step("ordinary commands of the firmware", workflow::check)?;
     ci.step("virtual board, and both firmware images on it", || {
         let board = cargo("test --package armwire-virtual-board");
         parallel::run_all(vec![image_tests(&f405), image_tests(&g431), board])

@@ -1,5 +1,4 @@
-//! `cargo fw` and the runner of `cargo run`: the firmware image, built, and flashed by probe-rs or by a copy to the drive of
-//! a Pico's boot loader.
+//! `cargo fw`: the firmware image, built, and flashed by probe-rs or by a copy to the drive of a Pico's boot loader.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -11,7 +10,6 @@ use clap::Args;
 use crate::board::{Board, Update};
 use crate::image;
 use crate::process::{output, replace_ourselves};
-use crate::program::Program;
 use crate::rom_drive::{self, LABEL};
 
 #[derive(Args)]
@@ -24,12 +22,6 @@ pub(crate) struct FwOptions {
     /// Flash it by a copy to the drive of a Pico's boot loader (RPI-RP2), which is mounted at this folder
     #[arg(long, value_name = "FOLDER", requires = "flash")]
     drive: Option<PathBuf>,
-}
-
-#[derive(Args)]
-pub(crate) struct Runner {
-    /// The program
-    elf: PathBuf,
 }
 
 /// Builds the image. With `--flash` it is flashed and started; with defmt its log is then printed.
@@ -59,24 +51,6 @@ pub(crate) fn run(options: &FwOptions) -> Result<()> {
             replace_ourselves(&mut probe_rs("reset", board))
         }
     }
-}
-
-/// Flashes a program built by cargo, starts it and prints its log. Its vector table identifies the board.
-///
-/// # Errors
-///
-/// If the program is for no board, or probe-rs is missing.
-pub(crate) fn run_program(runner: &Runner) -> Result<()> {
-    let elf = fs::read(&runner.elf).with_context(|| format!("cannot read {}", runner.elf.display()))?;
-    let board = board_of(&Program::parse(&elf)?)?;
-    check_probe_rs()?;
-    attach(board, &runner.elf)
-}
-
-fn board_of(program: &Program) -> Result<Board> {
-    let starts = |board: &Board| program.check_vectors(board.vectors(), board.stack_top()).is_ok();
-    let board = Board::CHIPS.into_iter().find(starts);
-    board.context("the program's vector table fits no board")
 }
 
 fn check_probe_rs() -> Result<()> {
@@ -126,19 +100,6 @@ mod tests {
     use super::*;
     use crate::cargo::target_dir;
     use crate::files::empty_folder;
-    use crate::program::Segment;
-
-    fn program(vectors: u32, stack_top: u32) -> Program {
-        let words = [stack_top, vectors + 9, 0];
-        Program {
-            segments: vec![Segment {
-                address: vectors,
-                bytes: words.iter().flat_map(|word| word.to_le_bytes()).collect(),
-            }],
-            flash_end: None,
-            ram: 0,
-        }
-    }
 
     #[test]
     fn only_a_boot_loader_is_a_drive() {
@@ -156,13 +117,5 @@ mod tests {
         fs::write(folder.with_extension("uf2"), [1, 2, 3]).unwrap();
         copy_to(&folder, &folder.with_extension("uf2")).unwrap();
         assert_eq!(fs::read(folder.join("flash-test.uf2")).unwrap(), [1, 2, 3]);
-    }
-
-    #[test]
-    fn stack_identifies_the_board() {
-        for board in Board::CHIPS {
-            assert_eq!(board_of(&program(board.vectors(), board.stack_top())).unwrap(), board);
-        }
-        assert!(board_of(&program(0x0800_0000, 0x2000_4000)).is_err());
     }
 }

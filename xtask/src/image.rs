@@ -16,6 +16,7 @@ use crate::process::run;
 use crate::program::Program;
 use crate::toolchain::cargo_for;
 use crate::uf2;
+use crate::workspace::firmware;
 
 /// Flash that every image leaves for the next versions, in bytes.
 const MIN_FLASH_LEFT: u64 = 2 * 1024;
@@ -41,9 +42,23 @@ impl Options {
         Self { board, defmt: true }
     }
 
-    /// The features of `armwire-firmware` for this image.
+    /// Cargo's arguments for the features of this image. The image for the STM32F405 has the default features, as by a plain
+    /// `cargo build`: without the feature `default`, the same code has another order.
     pub(crate) fn features(self) -> String {
-        self.board.feature() + if self.defmt { ",defmt" } else { "" }
+        let chip = self.board.feature();
+        let no_default = if chip == Board::default().feature() {
+            ""
+        } else {
+            "--no-default-features "
+        };
+        let log = if self.defmt { ",defmt" } else { "" };
+        format!("{no_default}--features {chip}{log}")
+    }
+
+    /// The program that cargo makes.
+    pub(crate) fn program(self) -> Result<PathBuf> {
+        let folder = target_dir()?.join(self.board.target());
+        Ok(folder.join(self.board.profile(self.defmt)).join("armwire-firmware"))
     }
 
     /// The image's file name.
@@ -145,19 +160,16 @@ pub(crate) fn build(options: Options) -> Result<Image> {
     let board = options.board.name();
     println!("building the firmware image for {board}, one or two minutes the first time");
     let target = options.board.target();
-    let mut build = cargo_for(target, "build --package armwire-firmware --profile firmware")?;
-    build.args(["--no-default-features", "--features", &options.features()]);
-    build.env("ARMWIRE_BOARD", board);
-    let optimisation = options.board.optimisation(options.defmt);
-    if let Some(level) = optimisation.level {
-        build.env("CARGO_PROFILE_FIRMWARE_OPT_LEVEL", level);
-    }
-    for (package, level) in optimisation.packages {
-        build.arg(format!("--config=profile.firmware.package.{package}.opt-level={level}"));
-    }
-    run(&mut build)?;
+    let profile = options.board.profile(options.defmt);
+    let mut build = cargo_for(target, &format!("build --profile {profile} {}", options.features()))?;
+    match Board::CHIPS.contains(&options.board) {
+        // The variable makes cargo link again, and each chip has a plain build without it.
+        true => build.env_remove("ARMWIRE_BOARD"),
+        false => build.env("ARMWIRE_BOARD", board),
+    };
+    run(build.current_dir(firmware()))?;
 
-    let built = target_dir()?.join(target).join("firmware/armwire-firmware");
+    let built = options.program()?;
     let elf = fs::read(&built).with_context(|| format!("cannot read {}", built.display()))?;
     let program = Program::parse(&elf)?;
     program.check_vectors(options.board.vectors(), options.board.stack_top())?;
@@ -194,13 +206,16 @@ mod tests {
     #[test]
     fn options_name_features_and_files() {
         let options = Options::of(Board::STM32F405);
-        assert_eq!(options.features(), "board-stm32f405");
+        assert_eq!(options.features(), "--features board-stm32f405");
         assert_eq!(options.name(), "armwire-stm32f405");
         let options = Options::all(Board::STM32G431);
-        assert_eq!(options.features(), "board-stm32g431,defmt");
+        assert_eq!(
+            options.features(),
+            "--no-default-features --features board-stm32g431,defmt"
+        );
         assert_eq!(options.name(), "armwire-stm32g431-defmt");
         let options = Options::of(Board::PICO);
-        assert_eq!(options.features(), "board-rp2040");
+        assert_eq!(options.features(), "--no-default-features --features board-rp2040");
         assert_eq!(options.name(), "armwire-pico");
     }
 

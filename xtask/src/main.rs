@@ -50,6 +50,7 @@ mod uf2;
 mod vendor;
 mod venv;
 mod web;
+mod workflow;
 mod workspace;
 
 use std::env;
@@ -67,9 +68,6 @@ enum Command {
     Demo(demo::Options),
     /// Build the firmware image, also for boot loaders, and flash it
     Fw(flash::FwOptions),
-    /// Flash a program and print its log: the runner of `cargo run`
-    #[command(hide = true)]
-    Runner(flash::Runner),
     /// Run all checks of a change
     Ci,
     /// Check that no imports between files form a circle
@@ -104,6 +102,8 @@ enum Command {
     Pico(pico::Options),
     /// Run the images of the other boards on the virtual board
     Boards,
+    /// Type the firmware's ordinary commands, and compare the images
+    Workflow,
     /// Build the page in web/, and test it in headless Chromium
     Web(web::Options),
     /// Test and use the crates to publish from their .crate files
@@ -140,7 +140,6 @@ impl Command {
         match self {
             Self::Demo(options) => demo::run(options),
             Self::Fw(options) => flash::run(&options),
-            Self::Runner(runner) => flash::run_program(&runner),
             Self::Ci => ci::run(),
             Self::Circles => circles::check(),
             Self::C(options) => c_library::run_all(&options),
@@ -158,6 +157,7 @@ impl Command {
             Self::Examples => examples::check(),
             Self::Pico(options) => pico::test(&options),
             Self::Boards => named_boards::test(),
+            Self::Workflow => workflow::check(),
             Self::Web(options) => web::run_all(&options),
             Self::Packages => packages::check(packages::Tests::Run),
             Self::Ros2 => ros2::check(),
@@ -197,10 +197,7 @@ mod tests {
     #[test]
     fn help_has_one_short_line_per_command() {
         let help = Command::command().render_help().to_string();
-        for command in Command::command()
-            .get_subcommands()
-            .filter(|command| !command.is_hide_set())
-        {
+        for command in Command::command().get_subcommands() {
             let about = command.get_about().unwrap().to_string();
             assert!(help.lines().any(|line| line.ends_with(&about)), "{about}\n{help}");
         }

@@ -7,6 +7,7 @@ use crate::cargo::cargo;
 use crate::image::Options;
 use crate::process;
 use crate::toolchain::{cargo_for, has_target};
+use crate::workspace::firmware;
 
 /// Targets of the crates without `std`.
 const NO_STD_TARGETS: [&str; 3] = ["thumbv6m-none-eabi", TARGET, "riscv32imc-unknown-none-elf"];
@@ -42,9 +43,9 @@ fn microcontrollers() -> Result<()> {
         lint(&format!("{NO_STD} --all-features"), target)?;
     }
     for board in Board::CHIPS {
-        let features = Options::all(board).features();
-        let select = format!("--package armwire-firmware --no-default-features --features={features}");
-        lint(&select, board.target())?;
+        let words = format!("clippy {}", Options::all(board).features());
+        let mut clippy = cargo_for(board.target(), &words)?;
+        process::run(clippy.args(["--", "-D", "warnings"]).current_dir(firmware()))?;
     }
     lint(LINK_TEST, TARGET)?;
     lint(COUNTED, TARGET)
