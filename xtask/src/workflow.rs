@@ -142,4 +142,16 @@ mod tests {
             assert!(lock.contains(&format!("name = \"{package}\"\n")), "{package}");
         }
     }
+
+    #[test]
+    fn cargo_embed_knows_each_chip() {
+        let embed = fs::read_to_string(firmware().join("Embed.toml")).unwrap();
+        for (board, ..) in IMAGES {
+            assert!(
+                embed.contains(&format!("chip = \"{}\"\n", board.chip())),
+                "{}",
+                board.name()
+            );
+        }
+    }
 }
