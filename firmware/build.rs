@@ -1,24 +1,18 @@
 //! Passes the board's memory map to the linker as the `memory.x` that the workspace includes: a plain `cargo build` then
 //! links.
 
+mod sources;
+
 use std::path::Path;
 use std::process::Command;
 use std::{env, fs};
 
 use armwire_boards::{Board, Uart};
 
+use sources::SOURCES;
+
 /// The names of the boards' features and memory files.
 const BOARDS: [&str; 3] = ["rp2040", "stm32f405", "stm32g431"];
-
-/// Sources of the image, besides dependencies.
-const SOURCES: [&str; 6] = [
-    ".",
-    "../boards",
-    "../bridge",
-    "../protocol",
-    "../Cargo.toml",
-    "../Cargo.lock",
-];
 
 fn main() {
     println!("cargo:rustc-env=ARMWIRE_COMMIT={}", commit());
@@ -30,10 +24,8 @@ fn main() {
     let Some(board) = BOARDS.into_iter().find(chosen) else {
         return;
     };
-    let memory = Path::new(&here).join("memory").join(board).with_extension("x");
-
-    fs::copy(&memory, Path::new(&out).join("board-memory.x")).expect("each board has a memory file");
-    println!("cargo:rerun-if-changed={}", memory.display());
+    let memory = Path::new(&out).join("board-memory.x");
+    fs::write(memory, format!("INCLUDE {board}.x\n")).expect("cargo has made the folder");
     // The interrupts of the arm's UART are bound by its name.
     println!("cargo:rustc-check-cfg=cfg(arm_at_usart3)");
     println!("cargo:rerun-if-env-changed=ARMWIRE_BOARD");
@@ -42,6 +34,9 @@ fn main() {
         println!("cargo:rustc-cfg=arm_at_usart3");
     }
     println!("cargo:rustc-link-search={out}");
+    println!("cargo:rustc-link-search={here}/memory");
+    // The linker's list of what it read, which `cargo xtask workflow` compares with the sources.
+    println!("cargo:rustc-link-arg-bins=--dependency-file={out}/linker-inputs.d");
     println!("cargo:rustc-link-arg-bins=--nmagic");
     println!("cargo:rustc-link-arg-bins=-Tlink.x");
     if board == "rp2040" {

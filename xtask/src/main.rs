@@ -25,6 +25,7 @@ mod image_parser;
 mod installation;
 mod integrity;
 mod latency;
+mod linker_inputs;
 mod mutants;
 mod named_boards;
 mod no_panic;

@@ -11,6 +11,7 @@ use crate::board::{Board, TARGET};
 use crate::cargo::{cargo, cargo_in_firmware, target_dir};
 use crate::files::empty_folder;
 use crate::image::{self, Options};
+use crate::linker_inputs;
 use crate::process::{output, run, shown};
 use crate::program::Program;
 
@@ -27,7 +28,8 @@ const LINTS: [&str; 2] = ["check", "clippy"];
 ///
 /// # Errors
 ///
-/// If a command fails, makes another image than `cargo fw`, or flashes another chip.
+/// If a command fails, makes another image than `cargo fw`, or flashes another chip, or if a change of what the linker reads
+/// makes the same image.
 pub(crate) fn check() -> Result<()> {
     for (board, build, flash) in IMAGES {
         compare_images(board, build)?;
@@ -37,7 +39,8 @@ pub(crate) fn check() -> Result<()> {
     LINTS
         .into_iter()
         .try_for_each(|words| run(&mut cargo_in_firmware(words)))?;
-    expect_warning_in_root()
+    expect_warning_in_root()?;
+    linker_inputs::check()
 }
 
 /// Compares the image of a command with that of `cargo fw`, which has the same files of cargo: the second build takes no
