@@ -25,12 +25,12 @@ use sources::SOURCES;
 const BOARD: Board = Board::STM32F405;
 const BUILD: &str = "build --release";
 
-/// Compares the linker's list of its inputs with the list of sources, and changes each input in a clone.
+/// Compares the linker's list of its inputs with the list of sources.
 ///
 /// # Errors
 ///
-/// If an input is no source, or a change of it makes the same image.
-pub(crate) fn check() -> Result<()> {
+/// If an input is no source.
+pub(crate) fn compare() -> Result<()> {
     let inputs = inputs()?;
     println!("of the repository, the linker reads {inputs:?}");
     let sources = SOURCES.map(|source| firmware().join(source).canonicalize());
@@ -40,7 +40,7 @@ pub(crate) fn check() -> Result<()> {
         let is_source = sources.iter().any(|source| file.starts_with(source));
         ensure!(is_source, "firmware/sources.rs lacks {}", input.display());
     }
-    change_each(&inputs)
+    Ok(())
 }
 
 /// The files of the repository that the linker read. Cargo tracks all others: they are in the target directory, or belong to
@@ -75,8 +75,13 @@ fn files(list: &str) -> impl Iterator<Item = &str> {
     list.lines().filter_map(|line| line.strip_suffix(':'))
 }
 
-/// Changes each of these files, and `build.rs`, in a clone of the last commit.
-fn change_each(inputs: &[PathBuf]) -> Result<()> {
+/// Changes each input of the linker, and `build.rs`, in a clone of the last commit. Each change takes a link of an image.
+///
+/// # Errors
+///
+/// If a change makes the same image.
+pub(crate) fn change_each() -> Result<()> {
+    let inputs = inputs()?;
     let clone = target_dir()?.join("linker-inputs");
     empty_folder(&clone)?;
     run(Command::new("git")

@@ -7,7 +7,7 @@ use crate::board::Board;
 use crate::cargo::cargo;
 use crate::process;
 use crate::steps::Steps;
-use crate::{campaign, dist, features, fuzz, image, mutants, packages, pico};
+use crate::{campaign, dist, features, fuzz, image, linker_inputs, mutants, packages, pico};
 
 #[derive(Args)]
 pub(crate) struct Options {
@@ -26,6 +26,8 @@ enum Part {
     Plants,
     /// A thousand losses of a port, each in another moment of a call
     Ports,
+    /// A change of each file that the linker reads for an image
+    Linker,
     /// Clippy and tests with every set of features
     Features,
     /// The crates' tests from their packages, and a release, used without Rust, and built twice
@@ -72,6 +74,7 @@ impl Part {
             Self::Ports => process::run(
                 cargo("test --release --package armwire-host --test lost_port").env("ARMWIRE_RUNS", "1000"),
             ),
+            Self::Linker => linker_inputs::change_each(),
             Self::Features => features::every_set(),
             Self::Release => {
                 packages::check(packages::Tests::Run)?;

@@ -28,8 +28,8 @@ const LINTS: [&str; 2] = ["check", "clippy"];
 ///
 /// # Errors
 ///
-/// If a command fails, makes another image than `cargo fw`, or flashes another chip, or if a change of what the linker reads
-/// makes the same image.
+/// If a command fails, makes another image than `cargo fw`, or flashes another chip, or if the linker reads a file that is no
+/// source of the image.
 pub(crate) fn check() -> Result<()> {
     for (board, build, flash) in IMAGES {
         compare_images(board, build)?;
@@ -40,7 +40,7 @@ pub(crate) fn check() -> Result<()> {
         .into_iter()
         .try_for_each(|words| run(&mut cargo_in_firmware(words)))?;
     expect_warning_in_root()?;
-    linker_inputs::check()
+    linker_inputs::compare()
 }
 
 /// Compares the image of a command with that of `cargo fw`, which has the same files of cargo: the second build takes no
