@@ -532,7 +532,7 @@ pub struct Client<M: Messages, const N: usize> {
     /// The time of the state in the last event's answer.
     time_of_state: Option<Instant>,
     /// The newest of these times.
-    newest: Instant,
+    newest: Option<Instant>,
 }
 
 impl<M: Messages, const N: usize> Client<M, N> {
@@ -560,7 +560,7 @@ impl<M: Messages, const N: usize> Client<M, N> {
             number: 0,
             frame_len: 0,
             time_of_state: None,
-            newest: Instant::ZERO,
+            newest: None,
         }
     }
 
@@ -747,7 +747,7 @@ impl<M: Messages, const N: usize> Client<M, N> {
     }
 
     /// The time of the state in the answer of the last event, also of a late one: that of its receipt if it took at most
-    /// 10 ms, else that of its request, for the line may have held it back. Never before that of an earlier answer. `None`
+    /// 10 ms, else that of its request, for the line may have held it back. Always after that of an earlier answer. `None`
     /// after any other output of [`poll`](Self::poll).
     pub const fn time_of_state(&self) -> Option<Instant> {
         self.time_of_state
@@ -877,8 +877,11 @@ impl<M: Messages, const N: usize> Client<M, N> {
         match matched {
             Match::Answer { sent, .. } | Match::Late { who: Who::Call, sent } => {
                 // The state is newer than that of the answer before.
-                self.newest = self.newest.max(time_of_state(sent, self.last_rx));
-                self.time_of_state = Some(self.newest);
+                let least = self
+                    .newest
+                    .map_or(Instant::ZERO, |newest| newest + Duration::from_micros(1));
+                self.newest = Some(time_of_state(sent, self.last_rx).max(least));
+                self.time_of_state = self.newest;
             }
             Match::Late { who: Who::Fence, .. } => {
                 out.fences.answered(&out.exchange, now, self.config.stale_window);

@@ -291,6 +291,7 @@ proptest! {
         world.read_at(rate, 5 * rate);
         let sampled: Vec<_> = world.poses.iter().map(|pose| pose.sampled).collect();
         prop_assert!(sampled.is_sorted());
+        prop_assert!(world.poses.is_sorted_by(|earlier, later| earlier.stated < later.stated));
         for pose in &world.poses {
             prop_assert!(pose.too_young() <= MS(10), "{pose:?}");
             // A late arm samples later than its request, and so does the next reading.

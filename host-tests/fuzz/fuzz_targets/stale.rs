@@ -33,8 +33,8 @@ const LAST_TAG: u8 = 252;
 /// The tag of the answers to fences.
 const FENCE_TAG: u8 = 255;
 
-/// The time by which a state may be older than stated.
-const PROMPT: Duration = Duration::from_millis(10);
+/// The time by which a state may be older than stated: 10 ms, and 1 µs for each earlier answer that would be stated then.
+const PROMPT: Duration = Duration::from_micros(10_000 + 100);
 
 /// Bytes of the arm, with their time.
 type Chunk = (Instant, Vec<u8>);

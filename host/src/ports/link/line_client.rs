@@ -15,7 +15,7 @@ use crate::error::Error;
 use crate::error::text::Text;
 use crate::ports::line::{Line, Names, Reception};
 use crate::ports::tap::{Tap, Tapped};
-use crate::time::stamps::HostTime;
+use crate::time::stamps::{HostTime, monotonic};
 use crate::time::stopwatch::Stopwatch;
 
 /// Buffer size: the longest frame of every protocol fits.
@@ -33,13 +33,18 @@ pub(super) struct LineClient<P: Arm> {
     received: usize,
     kept: Vec<u8>,
     clock: Stopwatch,
+    /// The start of the clock, on the monotonic clock. Times that are converted by it keep their order.
+    started_ns: i64,
     errors: LineErrors,
     pub(super) interrupter: Interrupter,
 }
 
 impl<P: Arm> LineClient<P> {
     pub(super) fn new(line: Box<dyn Line>, config: Config) -> Self {
+        // Not later than the start: no state is stated younger than it is.
+        let started_ns = monotonic();
         Self {
+            started_ns,
             line: Tapped::new(line),
             client: Client::new(P::default(), config),
             unread: Vec::new(),
@@ -191,12 +196,9 @@ impl<P: Arm> LineClient<P> {
 
     /// The time of the state in the last answer: see [`Client::time_of_state`]. Now, if the last event was no answer.
     pub(super) fn time_of_state(&self) -> HostTime {
-        let now = HostTime::now();
-        let age = self
-            .client
-            .time_of_state()
-            .map_or(0, |at| self.clock.now().since(at).as_micros());
-        now.at(now.monotonic_ns.saturating_sub(i64::try_from(age).unwrap_or(0) * 1_000))
+        let at = self.client.time_of_state().unwrap_or_else(|| self.clock.now());
+        let since_start = i64::try_from(at.as_micros()).unwrap_or(i64::MAX).saturating_mul(1_000);
+        HostTime::now().at(self.started_ns.saturating_add(since_start))
     }
 
     pub(super) fn errors(&self) -> LineErrors {
