@@ -16,6 +16,7 @@ use armwire::ling::{
 };
 use armwire_bridge::control::StopInForce;
 
+use crate::arm::known::Known;
 use crate::arm::legacy;
 use crate::arm::pose::OnPose;
 use crate::arm::refusals::Refusals;
@@ -30,7 +31,6 @@ use crate::time::silence::SilenceLimit;
 use crate::time::stamps::HostTime;
 
 pub use park::Parking;
-pub use reopen::Known;
 pub use stream::{Stream, StreamReading};
 pub use wait::{MotionReadings, Switching, Wait};
 

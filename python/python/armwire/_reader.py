@@ -62,8 +62,8 @@ class Reader(Open, Generic[P]):
     An adapter on the arm's port polls the arm, and its stamps are the times of the readings. Without one the thread
     reads by itself. A lost answer costs one reading.
 
-    Calls while the arm's port is lost raise a `PortLostError`. The port is opened again, and readings and commands go on
-    when the arm with the same serial number answers. Calls after `close` of the arm or of the reader raise a
+    Calls while the arm's port is lost raise a `PortLostError`. The port is opened again, and readings and commands
+    go on when the arm with the same serial number answers. Calls after `close` of the arm or of the reader raise a
     `ClosedError`.
     """
 

@@ -1,46 +1,13 @@
 //! A Ling arm whose port was lost, and is opened again.
 
-use armwire::ling::{Info, MotionStatus, Request, SerialNumber};
+use armwire::ling::{Info, Request};
 
 use super::Ling;
+use crate::arm::known::Known;
 use crate::arm::legacy;
 use crate::arm::refusals::Refusals;
 use crate::error::Error;
 use crate::error::outside::Outside;
-
-/// What a program knows of an arm, to tell after the loss of its port whether it is the same arm, with the same torque.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Known {
-    /// `None` before it was read.
-    serial: Option<SerialNumber>,
-    /// True if the torque was off in the last reading.
-    is_torque_off: bool,
-    /// True if the torque was off before the port was lost: it must be off again, or be switched here, before a motion.
-    must_be_off: bool,
-}
-
-impl Known {
-    /// Takes the serial number.
-    pub(super) fn note_serial(&mut self, serial: SerialNumber) {
-        self.serial = Some(serial);
-    }
-
-    /// Takes the status of a reading.
-    pub(super) fn note(&mut self, status: MotionStatus) {
-        self.is_torque_off = status.is_torque_off();
-        self.must_be_off &= !self.is_torque_off;
-    }
-
-    /// The torque is switched by this program, off or on: what it was before does not matter any more.
-    pub(super) fn note_switching(&mut self, is_off: bool) {
-        (self.is_torque_off, self.must_be_off) = (is_off, false);
-    }
-
-    /// True if the torque was off before the port was lost, and this program has not switched it since.
-    pub(super) fn must_be_off(&self) -> bool {
-        self.must_be_off
-    }
-}
 
 impl Ling {
     /// What is known of this arm: the serial number after [`read_info`](Self::read_info), and the torque after a reading.
@@ -55,7 +22,7 @@ impl Ling {
     ///
     /// [`Error::Lost`] for another arm: the one that was there may come back. It is the error of an unknown arm, too.
     pub fn require_known(&mut self, known: &Known) -> Result<(), Error> {
-        let Some(before) = known.serial else {
+        let Some(before) = known.serial() else {
             let reason = "the arm's serial number was not read before the loss: it may be another arm";
             return Err(Error::lost(self.name(), reason));
         };
@@ -64,10 +31,7 @@ impl Ling {
             let reason = format_args!("another arm is on this port: {now}, and not {before}");
             return Err(Error::lost(self.name(), reason));
         }
-        self.known = Known {
-            must_be_off: known.must_be_off || known.is_torque_off,
-            ..*known
-        };
+        self.known = known.after_loss();
         self.read_joints().map(drop)
     }
 
@@ -102,7 +66,7 @@ impl Ling {
         // A call that moves the arm in steps ends.
         self.stops += 1;
         (self.gripper, self.target, self.last, self.may_move) = (None, None, None, false);
-        if known.serial.is_some() {
+        if known.serial().is_some() {
             self.connection.reopen()?;
             let (line, config) = legacy::open(&self.connection).map_err(other_arm)?;
             self.link.replace_line(line, config);
@@ -112,7 +76,7 @@ impl Ling {
 
     /// Reads the serial number, by which the arm is known after its port was lost, if it was not read before.
     pub(crate) fn identify(&mut self) -> Result<(), Error> {
-        match self.known.serial {
+        match self.known.serial() {
             Some(_) => Ok(()),
             None => self.read_info().map(drop),
         }

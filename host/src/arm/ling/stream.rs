@@ -6,7 +6,8 @@ use std::time::Duration;
 use armwire::ling::effect::Effect;
 use armwire::ling::{JointState, Move, Request, Response};
 
-use super::{Known, Ling};
+use super::Ling;
+use crate::arm::known::Known;
 use crate::error::outside::Outside;
 use crate::error::{Error, TorqueOffEffect};
 use crate::ports::link::LineErrors;
