@@ -4,7 +4,7 @@ use std::fs;
 use std::path::Path;
 
 /// The files of these tests.
-const TESTS: [&str; 53] = [
+const TESTS: [&str; 54] = [
     "bridge/src/tests/control.rs",
     "bridge/src/tests/delayed.rs",
     "bridge/src/tests/line_rate.rs",
@@ -39,6 +39,7 @@ const TESTS: [&str; 53] = [
     "host/src/arm/ling/wait.rs",
     "host/src/arm/stop.rs",
     "host/tests/ling.rs",
+    "host/tests/lost_port.rs",
     "host/tests/motion/follow.rs",
     "host/tests/motion/replay.rs",
     "host/tests/motion/trajectory.rs",

@@ -7,7 +7,7 @@ use armwire_host::{Limits, Rate};
 use armwire_sim::faults::Rates;
 use armwire_sim::ling::{Config, Plant};
 
-use crate::world::{Arm, NOISY, STEP, by_hand, push};
+use crate::world::{Arm, NOISY, STEP, Stalls, by_hand, push};
 
 const PERIOD: Duration = Duration::from_millis(10);
 /// Steps of the world in the time that the follower may be behind.
@@ -20,6 +20,8 @@ struct Pair {
     follow: Follow,
     now: Instant,
     is_plugged: bool,
+    /// The stalls of both lines. `None` without any.
+    stalls: Option<[Stalls; 2]>,
     /// The goals of the last move, and their time.
     goal: Option<(Instant, [u16; JOINTS])>,
     pauses: Vec<Pause>,
@@ -47,6 +49,7 @@ impl Pair {
             follow: Follow::new(Limits::FOLLOW, start, Rate::MOVES).unwrap(),
             now: Instant::ZERO,
             is_plugged: true,
+            stalls: None,
             goal: None,
             pauses: Vec::new(),
         }
@@ -58,11 +61,17 @@ impl Pair {
         if is_read && self.is_plugged {
             self.leader.send(self.now, &Request::ReadJoints);
         }
-        for reading in self.leader.readings(self.now) {
-            self.follow.on_leader(self.now, &reading);
+        let (leader, follower) = (self.leader.readings(self.now), self.follower.readings(self.now));
+        let dated = |readings: Vec<JointState>| readings.into_iter().map(|reading| (self.now, reading)).collect();
+        let (leader, follower) = match &mut self.stalls {
+            Some([of_leader, of_follower]) => (of_leader.pass(self.now, leader), of_follower.pass(self.now, follower)),
+            None => (dated(leader), dated(follower)),
+        };
+        for (at, reading) in leader {
+            self.follow.on_leader(at, &reading);
         }
-        for reading in self.follower.readings(self.now) {
-            self.follow.on_follower(self.now, &reading);
+        for (at, reading) in follower {
+            self.follow.on_follower(at, &reading);
         }
         match self.follow.poll(self.now)? {
             Output::Move(target) => {
@@ -165,6 +174,37 @@ fn follower_is_at_most_50_ms_behind() {
     assert!(behind * 100 <= judged, "{behind} of {judged}");
     assert!(shown_behind * 100 <= judged, "{shown_behind} of {judged}");
     assert!(matches!(pair.pauses[..], [Pause::LeaderLate(_)]), "{:?}", pair.pauses);
+    pair.now = pair.follower.stop(pair.now);
+    pair.assert_rests();
+}
+
+#[test]
+fn stalled_lines_cause_no_jump() {
+    let mut pair = Pair::new(Start::Approach, NOISY);
+    pair.stalls = Some([Stalls::from(0), Stalls::from(3)]);
+    let mut before = pair.follower();
+    let mut followed = 0;
+    // Some 200 stalls. Each move is within the limits of the one before, or comes after a stop.
+    while pair.now < Instant::from_millis(300_000) {
+        let now = pair.now;
+        push(pair.leader.at(now), by_hand(now.since(Instant::ZERO)));
+        pair.step().unwrap();
+        let joints = pair.follower();
+        let steps = pair.now.since(now).as_micros() as f64 / STEP.as_micros() as f64;
+        for (joint, before) in joints.into_iter().zip(before) {
+            assert!(
+                f64::from(joint.abs_diff(before)) <= steps * 1.024 + 1.0,
+                "a jump at {now:?}"
+            );
+        }
+        before = joints;
+        followed += usize::from(pair.follow.progress() == Progress::Following);
+    }
+    assert!(
+        pair.pauses.len() >= 5 && followed > 5_000,
+        "{}, {followed}",
+        pair.pauses.len()
+    );
     pair.now = pair.follower.stop(pair.now);
     pair.assert_rests();
 }

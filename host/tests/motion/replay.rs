@@ -10,7 +10,7 @@ use armwire_host::{Limits, Off, Rate};
 use armwire_sim::faults::Rates;
 use armwire_sim::ling::{Config, Plant};
 
-use crate::world::{Arm, NOISY, STEP, by_hand, push};
+use crate::world::{Arm, NOISY, STEP, Stalls, by_hand, push};
 
 const PERIOD: Duration = Duration::from_millis(10);
 /// A degree, in ticks.
@@ -55,6 +55,8 @@ struct Run {
     arm: Arm,
     replay: Replay,
     now: Instant,
+    /// The stalls of the line. `None` without any.
+    stalls: Option<Stalls>,
     /// The joints of the last move.
     goal: Option<[u16; JOINTS]>,
     /// The gripper's speed in it.
@@ -77,6 +79,7 @@ impl Run {
             arm: Arm::new(config, rates, 2),
             replay: Replay::new(motion, false),
             now: Instant::ZERO,
+            stalls: None,
             goal: None,
             gripper_speed: None,
         }
@@ -84,8 +87,13 @@ impl Run {
 
     /// Runs for one step. Returns false after the end.
     fn step(&mut self) -> Result<bool, Failure> {
-        for reading in self.arm.readings(self.now) {
-            self.replay.on_reading(self.now, &reading);
+        let readings = self.arm.readings(self.now);
+        let readings = match &mut self.stalls {
+            Some(stalls) => stalls.pass(self.now, readings),
+            None => readings.into_iter().map(|reading| (self.now, reading)).collect(),
+        };
+        for (at, reading) in readings {
+            self.replay.on_reading(at, &reading);
         }
         match self.replay.poll(self.now)? {
             Output::Move(target) => {
@@ -428,4 +436,36 @@ fn endless_replay_goes_back_to_its_start() {
         starts += u32::from(is_playing && !was_playing);
         was_playing = is_playing;
     }
+}
+
+#[test]
+fn stalled_line_causes_no_jump_and_no_motion_after_the_end() {
+    let mut ended = [0, 0];
+    for first in 0..6 {
+        let mut run = Run::new(Range::default(), Limits::REPLAY, NOISY);
+        run.stalls = Some(Stalls::from(first));
+        let end = loop {
+            let (before, at) = (run.goal, run.now);
+            match run.step() {
+                Ok(true) => {}
+                Ok(false) => break true,
+                Err(_) => break false,
+            }
+            if let (Some(goal), Some(before)) = (run.goal, before) {
+                let farthest = goal
+                    .into_iter()
+                    .zip(before)
+                    .map(|(goal, before)| goal.abs_diff(before))
+                    .max();
+                assert!(farthest <= Some(57), "{farthest:?} at {at:?}");
+            }
+        };
+        ended[usize::from(end)] += 1;
+        // A replay that fails is stopped by its program.
+        run.now = run.arm.stop(run.now);
+        let joints = run.arm.at(run.now).joints();
+        let later = run.now + Duration::from_millis(10_000);
+        assert_eq!(run.arm.at(later).joints(), joints);
+    }
+    assert!(ended[0] > 0, "{ended:?}");
 }

@@ -112,3 +112,43 @@ pub(crate) fn push(arm: &mut LingArm, joints: [f64; JOINTS]) {
         assert!(arm.push_joint(joint, position), "it has torque");
     }
 }
+
+/// A line that holds its readings back at times.
+#[derive(Default)]
+pub(crate) struct Stalls {
+    count: usize,
+    /// The begin and the end of the next stall.
+    next: Option<(Instant, Instant)>,
+    held: Vec<(Instant, JointState)>,
+}
+
+impl Stalls {
+    const BETWEEN_MS: [u64; 5] = [700, 1_900, 3_100, 1_100, 2_300];
+    const LONG_MS: [u64; 6] = [50, 400, 1_500, 100, 800, 200];
+
+    /// Stalls of which the first is this one.
+    pub(crate) fn from(count: usize) -> Self {
+        Self {
+            count,
+            ..Self::default()
+        }
+    }
+
+    /// The readings that arrive, with their times, of those that were made until now.
+    pub(crate) fn pass(&mut self, now: Instant, readings: Vec<JointState>) -> Vec<(Instant, JointState)> {
+        self.held.extend(readings.into_iter().map(|reading| (now, reading)));
+        let (begin, end) = *self.next.get_or_insert_with(|| {
+            let begin = now + Duration::from_millis(Self::BETWEEN_MS[self.count % Self::BETWEEN_MS.len()]);
+            let end = begin + Duration::from_millis(Self::LONG_MS[self.count % Self::LONG_MS.len()]);
+            (begin, end)
+        });
+        if (begin..end).contains(&now) {
+            return Vec::new();
+        }
+        if now >= end {
+            self.count += 1;
+            self.next = None;
+        }
+        std::mem::take(&mut self.held)
+    }
+}
