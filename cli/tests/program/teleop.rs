@@ -312,8 +312,8 @@ fn silent_follower_is_waited_for() {
     let output = finish(child);
     assert!(output.status.success() && output.stderr.is_empty(), "{output:?}");
     let angles = angles(&follower.port);
-    // A stop costs one sag, of 0.9°.
-    assert!(angles.iter().all(|angle| (-3.0..0.3).contains(angle)), "{angles:?}");
+    // A stop costs one sag, of 0.9°, and a busy computer pauses several times.
+    assert!(angles.iter().all(|angle| (-6.0..0.3).contains(angle)), "{angles:?}");
     drop(leader);
 }
 
