@@ -94,6 +94,22 @@ impl Pair {
         Ok(())
     }
 
+    /// Runs for one step, in which no joint of the follower exceeds 90°/s. Returns its joints.
+    fn step_without_jump(&mut self) -> [u16; JOINTS] {
+        let (begin, before) = (self.now, self.follower());
+        self.step().unwrap();
+        let joints = self.follower();
+        // 90°/s are a tick in a step.
+        let steps = self.now.since(begin).as_micros() as f64 / STEP.as_micros() as f64;
+        for (joint, before) in joints.into_iter().zip(before) {
+            assert!(
+                f64::from(joint.abs_diff(before)) <= steps * 1.024 + 1.0,
+                "a jump at {begin:?}"
+            );
+        }
+        joints
+    }
+
     /// Checks that the goals are within 5° and 90°/s of the ones before.
     fn check_step(&self, goal: [u16; JOINTS]) {
         let Some((at, before)) = self.goal else { return };
@@ -135,7 +151,6 @@ fn follower_is_at_most_50_ms_behind() {
     let mut path: Vec<[f64; JOINTS]> = Vec::new();
     let (mut judged, mut behind, mut shown_behind) = (0_u64, 0_u64, 0_u64);
     let mut followed_before = Instant::ZERO;
-    let mut before = pair.follower();
     // Ten minutes. The leader is unplugged from the fourth to the fifth.
     while pair.now < Instant::from_millis(600_000) {
         let now = pair.now;
@@ -143,17 +158,7 @@ fn follower_is_at_most_50_ms_behind() {
         let pose = by_hand(now.since(Instant::ZERO));
         push(pair.leader.at(now), pose);
         path.push(pose);
-        pair.step().unwrap();
-        let joints = pair.follower();
-        // 90°/s are a tick in a step.
-        let steps = pair.now.since(now).as_micros() as f64 / STEP.as_micros() as f64;
-        for (joint, before) in joints.into_iter().zip(before) {
-            assert!(
-                f64::from(joint.abs_diff(before)) <= steps * 1.024 + 1.0,
-                "a jump at {now:?}"
-            );
-        }
-        before = joints;
+        let joints = pair.step_without_jump();
         if pair.follow.progress() != Progress::Following {
             followed_before = pair.now + Duration::from_millis(1_000);
             // A stop takes time in which the hand is not recorded.
@@ -182,22 +187,12 @@ fn follower_is_at_most_50_ms_behind() {
 fn stalled_lines_cause_no_jump() {
     let mut pair = Pair::new(Start::Approach, NOISY);
     pair.stalls = Some([Stalls::from(0), Stalls::from(3)]);
-    let mut before = pair.follower();
     let mut followed = 0;
     // Some 200 stalls. Each move is within the limits of the one before, or comes after a stop.
     while pair.now < Instant::from_millis(300_000) {
         let now = pair.now;
         push(pair.leader.at(now), by_hand(now.since(Instant::ZERO)));
-        pair.step().unwrap();
-        let joints = pair.follower();
-        let steps = pair.now.since(now).as_micros() as f64 / STEP.as_micros() as f64;
-        for (joint, before) in joints.into_iter().zip(before) {
-            assert!(
-                f64::from(joint.abs_diff(before)) <= steps * 1.024 + 1.0,
-                "a jump at {now:?}"
-            );
-        }
-        before = joints;
+        pair.step_without_jump();
         followed += usize::from(pair.follow.progress() == Progress::Following);
     }
     assert!(
