@@ -1,4 +1,4 @@
-//! What the image is made of, for `build.rs` and a check of it in xtask.
+//! The sources of the image, for `build.rs` and a check of them in xtask.
 
 /// Sources of the image, besides dependencies: files and folders. A change of one makes another image, whose commit has a
 /// `+` until the change is committed.

@@ -1,4 +1,4 @@
-//! What the linker reads for an image: a change of any file makes another image, whose commit has a `+`.
+//! The linker's inputs for an image: a change of any file makes another image, whose commit has a `+`.
 
 // The sources for `build.rs`.
 #[path = "../../firmware/sources.rs"]

@@ -7,7 +7,7 @@ use armwire_virtual_board::{Chip, Config, Nanos, VirtualBoard};
 /// The registers that enable interrupts of the core (ARMv7-M B3.4).
 const NVIC_ISER: u64 = 0xE000_E100;
 
-/// What is left, beside the reset state.
+/// A state that another program leaves: the reset state, but for these registers.
 #[derive(Clone, Copy, Debug)]
 struct Left {
     name: &'static str,

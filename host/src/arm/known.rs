@@ -1,8 +1,8 @@
-//! What is known of a Ling arm, to tell it from another one.
+//! Facts about a Ling arm that tell it from another one.
 
 use armwire::ling::{MotionStatus, SerialNumber};
 
-/// What a program knows of an arm, to tell after the loss of its port whether it is the same arm, with the same torque.
+/// Facts about an arm: after the loss of its port they tell whether it is the same arm, with the same torque.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Known {
     /// `None` before it was read.

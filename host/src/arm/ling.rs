@@ -73,7 +73,7 @@ pub struct Ling {
     last: Option<JointState>,
     /// True if the last reading was an Alicia-D's.
     is_own: bool,
-    /// What is known of the arm, for the case that its port is lost.
+    /// Facts by which the arm is known after a loss of its port.
     known: Known,
     /// The adapter's refusals of motion.
     refusals: Refusals,

@@ -10,7 +10,7 @@ use crate::error::Error;
 use crate::error::outside::Outside;
 
 impl Ling {
-    /// What is known of this arm: the serial number after [`read_info`](Self::read_info), and the torque after a reading.
+    /// Facts about this arm: the serial number after [`read_info`](Self::read_info), and the torque after a reading.
     pub fn known(&self) -> Known {
         self.known
     }

@@ -137,7 +137,7 @@ impl Stream {
         Ok(())
     }
 
-    /// What is known of the arm: see [`Ling::known`].
+    /// Facts about the arm: see [`Ling::known`].
     pub fn known(&self) -> Known {
         self.arm.known()
     }
