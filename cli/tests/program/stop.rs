@@ -116,6 +116,12 @@ fn start_move(port: &str) {
     success(&[&["move", port][..], &target].concat());
 }
 
+/// Starts such a move, and reads the arm until it moves.
+fn start_moving(port: &str) {
+    start_move(port);
+    while first_joint(&joints(port)) < 1.0 {}
+}
+
 /// The joints, as `read-joints` prints them.
 fn joints(port: &str) -> String {
     success(&["call", "ling", port, "read-joints"])
@@ -130,7 +136,7 @@ fn first_joint(reading: &str) -> f32 {
 #[test]
 fn stop_holds_the_pose_and_warns_of_the_grip() {
     let arm = Arm::start("ling", "stop", &[]);
-    start_move(&arm.port);
+    start_moving(&arm.port);
     let output = retry_while(NO_ANSWER, || run(&["stop", &arm.port]));
     let (out, error) = [output.stdout, output.stderr]
         .map(|text| String::from_utf8(text).unwrap())
@@ -139,7 +145,7 @@ fn stop_holds_the_pose_and_warns_of_the_grip() {
     let later = first_joint(&joints(&arm.port));
     assert!((first_joint(&out) - later).abs() < 0.3, "it still moves: {out} {later}");
     assert!(
-        (0.1..160.0).contains(&first_joint(&out)) && out.contains("status: locked"),
+        (1.0..160.0).contains(&first_joint(&out)) && out.contains("status: locked"),
         "{out}"
     );
     assert!(
@@ -267,7 +273,7 @@ fn stop_ends_the_stream_at_an_adapter() {
 #[test]
 fn adapter_stops_the_arm_while_its_port_is_in_use() {
     let board = Board::start("stop-adapter");
-    start_move(&board.port);
+    start_moving(&board.port);
     let mut stop = None;
     retry_while(NO_ANSWER, || {
         with_monitor(&board.port, |monitor| {
@@ -279,7 +285,7 @@ fn adapter_stops_the_arm_while_its_port_is_in_use() {
     assert_eq!(stop.unwrap(), expected);
     let pose = joints(&board.port);
     assert!(
-        (0.1..160.0).contains(&first_joint(&pose)) && pose.ends_with("status: locked\n"),
+        (1.0..160.0).contains(&first_joint(&pose)) && pose.ends_with("status: locked\n"),
         "{pose}"
     );
     let later = first_joint(&joints(&board.port));
