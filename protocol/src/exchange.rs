@@ -243,6 +243,11 @@ impl<D: Correlation, I: Copy + Eq, const N: usize> Exchange<D, I, N> {
         self.sends.iter().filter(|sent| sent.who == who).count()
     }
 
+    /// The number of unresolved sends of this key by this initiator.
+    pub fn open_of(&self, key: D::Key, who: I) -> usize {
+        self.sends.iter().filter(|sent| sent.is_of(key, who)).count()
+    }
+
     /// The number of handovers of this initiator that may be answered.
     pub fn missing_answers_of(&self, who: I) -> u16 {
         let sends = self.sends.iter().filter(|sent| sent.who == who);

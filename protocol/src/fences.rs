@@ -11,6 +11,8 @@ use crate::time::{Duration, Instant};
 
 /// Maximum number of handovers of one fence that may be answered: of two, the order of answers tells which is left.
 const MAX_MISSING: u16 = 2;
+/// The number of places in the exchange for the first key: one for those from before a silence, one for those after it.
+const FIRST_PLACES: usize = 2;
 /// The shortest time from a fence to the next one, without an answer.
 const PAUSE: Duration = Duration::from_millis(3);
 /// The number of stale windows for which a line answers fences, and its order shows nothing.
@@ -69,7 +71,7 @@ pub(crate) struct Fences {
 impl Fences {
     /// Places in the exchange: one for each key, and one for a new fence of the first key.
     pub(crate) const fn places<M: Messages>() -> usize {
-        M::FENCES.len() + 1
+        M::FENCES.len() + FIRST_PLACES - 1
     }
 
     pub(crate) const fn new() -> Self {
@@ -116,10 +118,8 @@ impl Fences {
         if self.writing.is_some() || now < self.due {
             return;
         }
-        let missing = |frame: &[u8]| {
-            let info = messages.request(frame);
-            info.map_or(0, |info| exchange.missing_answers(info.key))
-        };
+        let key = |frame: &[u8]| messages.request(frame).map(|info| info.key);
+        let missing = |frame: &[u8]| key(frame).map_or(0, |key| exchange.missing_answers(key));
         let all = M::FENCES.iter().copied().enumerate().cycle();
         let from_next = all.skip(self.index).take(M::FENCES.len());
         let best = from_next.min_by_key(|(_, frame)| missing(frame));
@@ -133,10 +133,11 @@ impl Fences {
                 let is_back = self.line == Line::Back;
                 // Until it is answered.
                 self.line = Line::Silent;
+                let open = key(first).map_or(0, |key| exchange.open_of(key, Who::Fence));
                 Fence {
                     frame: if is_back { first } else { last },
-                    // Those after the first one belong to it.
-                    is_new: is_back && exchange.open(Who::Fence) < Self::places::<M>(),
+                    // One place is for those from before, and one for all that go out since.
+                    is_new: is_back && open < FIRST_PLACES,
                 }
             }
         };

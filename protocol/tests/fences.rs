@@ -75,7 +75,8 @@ fn first_until(line: &mut VecDeque<(Instant, Vec<u8>)>, until: Instant) -> Optio
 #[derive(Clone, Copy, Debug)]
 enum End {
     Answered(Pose),
-    Failed,
+    /// It has failed, or its answer has no pose.
+    NoPose,
     /// It is in flight.
     Open,
 }
@@ -175,9 +176,9 @@ impl World {
                     let (is_end, state) = match event {
                         Event::Answer(Response::Joints(state)) => (true, Some(state)),
                         Event::Late(Response::Joints(state)) => (false, Some(state)),
-                        Event::TimedOut { .. } => (true, None),
-                        // An arm out of order.
-                        Event::Unsolicited(_) => (false, None),
+                        Event::Answer(_) | Event::TimedOut { .. } => (true, None),
+                        // Another reading, or an arm out of order.
+                        Event::Late(_) | Event::Unsolicited(_) => (false, None),
                         other => panic!("{other:?}"),
                     };
                     let pose = state.map(|state| {
@@ -188,7 +189,7 @@ impl World {
                     });
                     self.poses.extend(pose);
                     if is_end {
-                        return pose.map_or(End::Failed, End::Answered);
+                        return pose.map_or(End::NoPose, End::Answered);
                     }
                 }
                 Output::Timeout(_) if self.now >= limit => return End::Open,
@@ -235,6 +236,19 @@ impl World {
         }
     }
 
+    /// Makes a request, and gives it up after this time.
+    fn request(&mut self, request: &Request, is_reading: bool, time: Duration) {
+        self.client.cancel();
+        match is_reading {
+            true => self.client.submit_reading(request).unwrap(),
+            false => self.client.submit(request).unwrap(),
+        }
+        let limit = self.now + time;
+        self.run(limit);
+        self.client.cancel();
+        self.run(limit);
+    }
+
     /// Makes a call. Returns the pose, or `None` without an answer.
     fn call(&mut self) -> Option<Pose> {
         self.client.cancel();
@@ -242,7 +256,7 @@ impl World {
         let limit = self.now + Duration::from_millis(60_000);
         match self.run(limit) {
             End::Answered(pose) => Some(pose),
-            End::Failed => None,
+            End::NoPose => None,
             End::Open => panic!("the call does not end"),
         }
     }
@@ -258,6 +272,53 @@ impl Pose {
     fn too_old(&self) -> Duration {
         self.sampled.since(self.stated)
     }
+}
+
+/// The joints, and the requests that are fences.
+const FENCED: [Request; 4] = [
+    Request::ReadJoints,
+    Request::ReadStroke,
+    Request::ReadTemperatures,
+    Request::ReadVelocities,
+];
+
+/// What becomes of an answer.
+#[derive(Clone, Copy, Debug)]
+enum Fate {
+    Answered,
+    Lost,
+    /// It is this late, in ms.
+    Late(u64),
+}
+
+fn asked_fate() -> impl Strategy<Value = Fate> {
+    prop_oneof![
+        Just(Fate::Answered),
+        Just(Fate::Lost),
+        (0..500_u64).prop_map(Fate::Late)
+    ]
+}
+
+/// A request of [`FENCED`], whether it is a reading, its answer, and the time after which it is given up, in ms.
+type Asked = (usize, bool, Fate, u64);
+
+/// The number of calls, of 20, that are answered on a good line after these requests.
+fn answered_after(config: Config, latency: u64, asked: &[Asked]) -> usize {
+    let good = Faults { latency, ..NONE };
+    let mut world = World::new(config, &good, 1);
+    world.read_at(50, 10);
+    for &(request, is_reading, fate, millis) in asked {
+        (world.faults.lost, world.faults.late) = match fate {
+            Fate::Answered => (0, (0, 0)),
+            Fate::Lost => (100, (0, 0)),
+            Fate::Late(late) => (0, (100, 1_000 * late)),
+        };
+        world.request(&FENCED[request], is_reading, MS(millis));
+    }
+    world.faults = good;
+    let quiet = world.arm_free.max(world.now) + MS(100);
+    world.run(quiet);
+    (0..20).filter(|_| world.call().is_some()).count()
 }
 
 const MS: fn(u64) -> Duration = Duration::from_millis;
@@ -299,6 +360,16 @@ proptest! {
             let limit = MS(15) + Duration::from_micros(faults.latency);
             prop_assert!(!is_prompt || pose.too_old() <= limit, "{pose:?}");
         }
+    }
+
+    #[test]
+    fn calls_are_answered_once_the_line_is_good_again(
+        config in config(),
+        latency in 300..4_000_u64,
+        asked in vec((0..FENCED.len(), any::<bool>(), asked_fate(), 0..200_u64), 0..80),
+    ) {
+        let answered = answered_after(config, latency, &asked);
+        prop_assert!(answered >= 10, "{answered} of 20");
     }
 
     #[test]
@@ -396,6 +467,33 @@ fn calls_fail_in_a_stall_and_not_after_it() {
         );
         world.now += MS(7);
     }
+}
+
+#[test]
+fn each_fence_has_a_place_after_a_silence() {
+    use Fate::{Answered, Late, Lost};
+    // Two answers of a fence's key are missing to calls, and other fences go out in the silence.
+    let asked = [
+        (2, false, Lost, 61),
+        (0, true, Late(158), 58),
+        (1, false, Answered, 25),
+        (2, false, Late(189), 137),
+        (0, false, Answered, 0),
+        (0, true, Answered, 49),
+        (0, true, Answered, 89),
+        (0, true, Answered, 60),
+        (0, false, Answered, 52),
+        (0, true, Answered, 37),
+        (0, false, Answered, 155),
+        (0, false, Answered, 96),
+        (0, false, Answered, 16),
+        (0, false, Answered, 172),
+        (0, false, Answered, 40),
+        (0, false, Answered, 30),
+        (0, true, Answered, 11),
+        (0, false, Answered, 89),
+    ];
+    assert_eq!(answered_after(Config::DEFAULT, 300, &asked), 20);
 }
 
 #[test]
