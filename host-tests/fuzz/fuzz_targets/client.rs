@@ -264,9 +264,8 @@ impl<P: Subject, const N: usize> World<P, N> {
     /// No more bytes arrive: requests in flight end within the configured time.
     fn end(mut self) {
         let end = self.now + self.model.longest();
-        // Each send is transmitted, times out, and may get a little more time. Waits for noise end as well. Fences are 3 ms
-        // apart or more.
-        for _ in 0..6 * (u32::from(self.model.config.repeats) + 2) + 400 {
+        // Waits for noise end as well.
+        while self.now <= end && (self.model.pending.is_some() || self.client.poll(self.now) != Output::Timeout(None)) {
             while self.model.void > 0 && !P::LOSSLESS {
                 self.transmit(N);
             }
@@ -279,8 +278,6 @@ impl<P: Subject, const N: usize> World<P, N> {
             "{:?} does not end",
             self.client
         );
-        // A fence is completed.
-        self.transmit(N);
         assert_eq!(self.client.poll(self.now), Output::Timeout(None));
         assert!(
             self.now <= end,
