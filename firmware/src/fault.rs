@@ -1,13 +1,20 @@
 //! The handler of hard faults, for example an access to unmapped memory or a stack overflow: counts the fault and
 //! restarts the chip.
 
-use cortex_m_rt::exception;
+use core::arch::naked_asm;
 
 use crate::{board, restart};
 
-/// Without a trampoline, and without a log: the stack may be invalid. The next start logs the count.
-#[exception(trampoline = false)]
-unsafe fn HardFault() -> ! {
+/// Takes a new stack, whatever was on the old one: that may be full, and a fault in this handler stops the core. It is
+/// neither the runtime's trampoline nor Rust, which both begin with a push.
+#[unsafe(naked)]
+#[unsafe(no_mangle)]
+unsafe extern "C" fn HardFault() -> ! {
+    naked_asm!("ldr r0, =_stack_start", "mov sp, r0", "bl {}", sym restart_after_fault)
+}
+
+/// Without a log: the next start logs the count.
+extern "C" fn restart_after_fault() -> ! {
     restart::faulted();
     board::reset()
 }

@@ -2,9 +2,10 @@
 // RP2040 datasheet.
 
 // Corrects a chip that has just started. `rom` has the functions of the boot ROM that act on the flash or end the
-// program: `erase(from, length)`, `program(to, bytes)` and `startBootLoader()`.
-export function correct(rp2040, { uniqueId, rom }) {
+// program: `erase(from, length)`, `program(to, bytes)` and `startBootLoader()`. `lockUp` stops the core.
+export function correct(rp2040, { uniqueId, rom, lockUp }) {
   quieten(rp2040);
+  faultBelowMemory(rp2040, lockUp);
   latchInterrupts(rp2040);
   answerAborts(rp2040);
   addCacheControl(rp2040);
@@ -17,6 +18,27 @@ export function correct(rp2040, { uniqueId, rom }) {
 function quieten(rp2040) {
   rp2040.logger.warn = () => {};
   rp2040.logger.error = () => {};
+}
+
+// rp2040js warns of an access to nothing, and goes on. The bus ends it with an error there, which is a hard fault, and
+// lockup at the entry of a hard fault and in its handler (ARMv6-M Architecture Reference Manual, B1.5.15). Here this holds
+// below the memory, where a stack overflows.
+function faultBelowMemory({ core, logger }, lockUp) {
+  const HARD_FAULT = 3;
+  let isPending = false;
+  logger.warn = (_, message) => {
+    if (!/ invalid memory address: 1fff|undefined address: 1fff/.test(message)) return;
+    if (isPending || core.IPSR === HARD_FAULT) lockUp();
+    isPending = true;
+    core.interruptsUpdated = true;
+  };
+  const { checkForInterrupts } = core;
+  core.checkForInterrupts = () => {
+    if (!isPending) return checkForInterrupts.call(core);
+    core.exceptionEntry(HARD_FAULT);
+    isPending = false;
+    return true;
+  };
 }
 
 // rp2040js takes the level of an interrupt for its pending state: one that a program has set pending is lost when the

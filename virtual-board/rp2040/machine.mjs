@@ -8,12 +8,14 @@ import { Usb } from './usb.mjs';
 // The number of the arm's UART.
 const ARM = 1;
 const FLASH = 0x10000000;
+const RAM = 0x20000000;
 const WATCHDOG = 0x40058;
 
 // Reasons for holding the core.
 const BY_BOARD = 1 << 0;
 const BY_FLASH = 1 << 1;
 const BY_BOOT_LOADER = 1 << 2;
+const BY_LOCKUP = 1 << 3;
 
 export class Machine {
   // For the virtual board, at its next stop.
@@ -89,6 +91,14 @@ export class Machine {
     this.#hold(BY_BOARD, isHeld);
   }
 
+  // Moves the top of the stack to this address, with this number of bytes.
+  moveStack(to, bytes) {
+    const { core, sram } = this.#rp2040;
+    const from = core.SP - RAM;
+    sram.copyWithin(to - RAM, from, from + bytes);
+    core.SP = to;
+  }
+
   // Writes bytes of the flash, as its own operations do.
   writeFlash(offset, bytes) {
     this.#rp2040.flash.set(bytes, offset);
@@ -126,6 +136,7 @@ export class Machine {
     this.#rp2040 = rp2040;
     correct(rp2040, {
       uniqueId: this.#uniqueId,
+      lockUp: () => this.#hold(BY_LOCKUP, true),
       rom: {
         erase: (from, length) => {
           this.events.byte(Event.ERASE);
@@ -184,7 +195,7 @@ export class Machine {
     const { flash, sram, usbDPRAM } = this.#rp2040;
     const memories = [
       [FLASH, flash.length],
-      [0x20000000, sram.length],
+      [RAM, sram.length],
       [0x50100000, usbDPRAM.length],
     ];
     const isMemory = memories.some(([start, length]) => address >= start && address + 4 <= start + length);

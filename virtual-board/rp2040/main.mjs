@@ -58,6 +58,8 @@ function act(commands) {
       return machine.read(commands.word());
     case Command.WRITE:
       return machine.write(commands.word(), commands.word());
+    case Command.MOVE_STACK:
+      return machine.moveStack(commands.word(), commands.word());
     default:
       throw new Error(`there is no command ${command}`);
   }

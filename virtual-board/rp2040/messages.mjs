@@ -26,6 +26,7 @@ export const Command = {
   ABORTED: 15,
   READ: 16,
   WRITE: 17,
+  MOVE_STACK: 18,
 };
 
 // The numbers of events for it. STOPPED or FAILED ends a run, VALUE answers READ and WRITE.

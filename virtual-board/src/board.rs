@@ -469,6 +469,12 @@ impl<A: Arm> VirtualBoard<A> {
         self.engine.hold(false);
     }
 
+    /// Moves the top of the stack to this address, with its last 512 bytes: as if functions had called each other until
+    /// there. Time does not advance.
+    pub fn move_stack(&mut self, to: u32) {
+        self.engine.move_stack(to);
+    }
+
     /// The firmware's RTT log since the last call, if the image has one.
     pub fn log(&mut self) -> Vec<u8> {
         self.engine.log()

@@ -44,6 +44,9 @@ pub(crate) struct Stopped {
     pub(crate) in_boot_loader: bool,
 }
 
+/// The bytes of a stack that [`Engine::move_stack`] takes along.
+pub(crate) const FRAMES: u32 = 512;
+
 /// A machine, independent of its chip. Virtual time advances only in [`run`](Self::run).
 pub(crate) trait Engine: Debug + Send {
     /// Runs until this instant, a watched event, or a crash of the firmware.
@@ -63,6 +66,9 @@ pub(crate) trait Engine: Debug + Send {
 
     /// Stops the core until the next reset, or releases it.
     fn hold(&mut self, held: bool);
+
+    /// Moves the top of the stack to this address, with its last [`FRAMES`] bytes.
+    fn move_stack(&mut self, to: u32);
 
     /// Makes reads of these offsets of the flash bus errors, until one of the bytes changes.
     fn break_flash(&mut self, offsets: Range<usize>);

@@ -6,7 +6,7 @@ use std::path::Path;
 
 use object::elf::{FileHeader32, PT_LOAD};
 use object::read::elf::{FileHeader, ProgramHeader};
-use object::{Architecture, Endianness, Object, ObjectSection, ObjectSymbol};
+use object::{Architecture, Endianness, Object, ObjectSection, ObjectSymbol, SymbolSection};
 
 use crate::error::Error;
 use crate::report::{Crash, crash_of};
@@ -52,7 +52,7 @@ impl Image {
         }
         let symbols = file
             .symbols()
-            .filter(|symbol| symbol.is_definition())
+            .filter(|symbol| symbol.is_definition() || symbol.section() == SymbolSection::Absolute)
             .filter_map(|symbol| Some((symbol.name().ok()?.to_owned(), symbol.address() & !1)));
         Ok(Self {
             segments,

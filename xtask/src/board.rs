@@ -87,12 +87,12 @@ impl Board {
         }
     }
 
-    /// End of the RAM with the stack, which grows down.
-    pub(crate) const fn stack_top(self) -> u32 {
+    /// The size of the stack, in bytes. It grows down to the start of the RAM.
+    pub(crate) const fn stack(self) -> u32 {
         match self.0.chip {
-            Chip::Stm32f405 => 0x2000_0000 + 128 * 1024,
-            Chip::Stm32g431 => 0x2000_0000 + 32 * 1024,
-            Chip::Rp2040 => 0x2000_0000 + 256 * 1024,
+            Chip::Stm32f405 => 24 * 1024,
+            Chip::Stm32g431 => 16 * 1024,
+            Chip::Rp2040 => 32 * 1024,
         }
     }
 

@@ -84,6 +84,8 @@ pub(crate) struct Image {
     flash_left: u64,
     /// RAM usage without the stack, in bytes.
     ram: u64,
+    /// RAM that is left for data, in bytes.
+    ram_left: u64,
 }
 
 impl Image {
@@ -116,12 +118,14 @@ impl fmt::Display for Image {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
-            "{} (and .bin, .{}): {} bytes of flash, {} left, {} bytes of RAM and the stack",
+            "{} (and .bin, .{}): {} bytes of flash, {} left, {} bytes of RAM, {} left, and a stack of {}",
             self.path.display(),
             self.board.update().extension(),
             self.flash,
             self.flash_left,
-            self.ram
+            self.ram,
+            self.ram_left,
+            self.board.stack()
         )
     }
 }
@@ -172,7 +176,7 @@ pub(crate) fn build(options: Options) -> Result<Image> {
     let built = options.program()?;
     let elf = fs::read(&built).with_context(|| format!("cannot read {}", built.display()))?;
     let program = Program::parse(&elf)?;
-    program.check_vectors(options.board.vectors(), options.board.stack_top())?;
+    program.check_vectors(options.board.vectors(), options.board.stack())?;
     let path = target_dir()?.join(options.name() + ".elf");
     let write = |extension, bytes: &[u8]| {
         let path = path.with_extension(extension);
@@ -194,6 +198,7 @@ pub(crate) fn build(options: Options) -> Result<Image> {
         flash: program.flash(),
         flash_left: program.flash_left()?,
         ram: program.ram,
+        ram_left: program.ram_left()?,
     };
     image.check_flash()?;
     Ok(image)
@@ -228,6 +233,7 @@ mod tests {
             flash,
             flash_left,
             ram,
+            ram_left: 0,
         };
         assert!(image(0, MIN_FLASH_LEFT, 0).check_flash().is_ok());
         assert!(image(0, MIN_FLASH_LEFT - 1, 0).check_flash().is_err());

@@ -8,8 +8,9 @@ use object::read::elf::{FileHeader, ProgramHeader, Sym};
 /// Start of RAM on every Cortex-M.
 const RAM: u32 = 0x2000_0000;
 
-/// The symbol at the end of the program's part of the flash, in the memory files of the boards.
+/// The symbols at the ends of the program's part of the flash and of the RAM, in the memory files of the boards.
 const FLASH_END: &[u8] = b"_flash_end";
+const DATA_END: &[u8] = b"_data_end";
 
 /// Length of a gap in flash that remains a gap, in bytes. A shorter one is alignment between parts of a program, possibly
 /// within a sector, and is filled. All sectors are longer.
@@ -24,8 +25,12 @@ pub(crate) struct Program {
     pub(crate) segments: Vec<Segment>,
     /// The end of the flash that the program may have, if its memory file tells.
     pub(crate) flash_end: Option<u32>,
+    /// The end of the RAM that its data may have, if its memory file tells.
+    pub(crate) data_end: Option<u32>,
     /// RAM usage without the stack, in bytes.
     pub(crate) ram: u64,
+    /// The end of its data in RAM.
+    pub(crate) ram_end: u32,
 }
 
 /// Bytes in flash.
@@ -45,7 +50,7 @@ impl Program {
     pub(crate) fn parse(file: &[u8]) -> Result<Self> {
         let elf = FileHeader32::<Endianness>::parse(file)?;
         let endian = elf.endian()?;
-        let (mut segments, mut ram) = (Vec::new(), 0);
+        let (mut segments, mut ram, mut ram_end) = (Vec::new(), 0, RAM);
         for header in elf.program_headers(endian, file)? {
             if header.p_type(endian) != PT_LOAD {
                 continue;
@@ -62,6 +67,7 @@ impl Program {
             }
             if header.p_vaddr(endian) >= RAM {
                 ram += u64::from(header.p_memsz(endian));
+                ram_end = ram_end.max(header.p_vaddr(endian) + header.p_memsz(endian));
             }
         }
         segments.sort_by_key(|segment| segment.address);
@@ -69,22 +75,27 @@ impl Program {
         ensure!(!segments.is_empty(), "nothing in the ELF file goes to flash");
         let sections = elf.sections(endian, file)?;
         let symbols = sections.symbols(endian, file, SHT_SYMTAB)?;
-        let is_end = |symbol: &&_| Sym::name(*symbol, endian, symbols.strings()) == Ok(FLASH_END);
-        let flash_end = symbols.iter().find(is_end).map(|symbol| symbol.st_value(endian));
+        let value = |name| {
+            let has_name = |symbol: &&_| Sym::name(*symbol, endian, symbols.strings()) == Ok(name);
+            symbols.iter().find(has_name).map(|symbol| symbol.st_value(endian))
+        };
+        let (flash_end, data_end) = (value(FLASH_END), value(DATA_END));
         Ok(Self {
             segments,
             flash_end,
+            data_end,
             ram,
+            ram_end,
         })
     }
 
-    /// Checks that the chip starts this program: its first segment has a vector table at `vectors`, with the stack at
-    /// `stack_top` and a reset handler in flash.
+    /// Checks that the chip starts this program: its first segment has a vector table at `vectors`, with a stack of this
+    /// size at the start of the RAM, and a reset handler in flash.
     ///
     /// # Errors
     ///
     /// The first difference, for example because the program was linked for another board.
-    pub(crate) fn check_vectors(&self, vectors: u32, stack_top: u32) -> Result<()> {
+    pub(crate) fn check_vectors(&self, vectors: u32, stack_size: u32) -> Result<()> {
         let first = &self.segments[0];
         let word = |nth: u32| {
             let offset = (vectors + 4 * nth).checked_sub(first.address)?;
@@ -95,8 +106,9 @@ impl Program {
             bail!("no vector table at {vectors:#x}");
         };
         ensure!(
-            stack == stack_top,
-            "the stack begins at {stack:#x}, the board's RAM ends at {stack_top:#x}"
+            stack == RAM + stack_size,
+            "the stack begins at {stack:#x}, the board's at {:#x}",
+            RAM + stack_size
         );
         // The lowest bit marks Thumb code.
         let code = reset & !1;
@@ -122,6 +134,17 @@ impl Program {
         let end = self.segments.last().map_or(0, Segment::end);
         let flash_end = self.flash_end.context("the program has no symbol _flash_end")?;
         let left = flash_end.checked_sub(end).context("the program exceeds its flash")?;
+        Ok(left.into())
+    }
+
+    /// The RAM that is left for data, in bytes.
+    ///
+    /// # Errors
+    ///
+    /// If the program's memory file does not tell the end of its data.
+    pub(crate) fn ram_left(&self) -> Result<u64> {
+        let end = self.data_end.context("the program has no symbol _data_end")?;
+        let left = end.checked_sub(self.ram_end).context("the program exceeds its RAM")?;
         Ok(left.into())
     }
 
@@ -201,7 +224,9 @@ mod tests {
         let program = Program {
             segments: vec![segment(0x800_0000, &[1, 2]), segment(0x800_0005, &[3])],
             flash_end: None,
+            data_end: None,
             ram: 0,
+            ram_end: RAM,
         };
         assert_eq!(program.bin(), [1, 2, 0xFF, 0xFF, 0xFF, 3]);
         assert_eq!(program.flash(), 3);
@@ -214,7 +239,9 @@ mod tests {
             Program {
                 segments,
                 flash_end,
+                data_end: None,
                 ram: 0,
+                ram_end: RAM,
             }
             .flash_left()
         };
@@ -225,38 +252,53 @@ mod tests {
     }
 
     #[test]
+    fn ram_left_begins_behind_the_data() {
+        let left = |data_end| {
+            Program {
+                segments: Vec::new(),
+                flash_end: None,
+                data_end,
+                ram: 8,
+                ram_end: RAM + 1_008,
+            }
+            .ram_left()
+        };
+        assert_eq!(left(Some(RAM + 1_024)).unwrap(), 16);
+        assert!(left(Some(RAM + 1_000)).is_err());
+        assert!(left(None).is_err());
+    }
+
+    #[test]
     fn program_for_another_board_is_refused() {
         const VECTORS: u32 = 0x0800_0000;
         let program = |address, words: [u32; 3]| Program {
             segments: vec![segment(address, &words.map(u32::to_le_bytes).concat())],
             flash_end: None,
+            data_end: None,
             ram: 0,
+            ram_end: RAM,
         };
         let good = [0x2000_5800, VECTORS + 9, 0];
-        assert!(program(VECTORS, good).check_vectors(VECTORS, 0x2000_5800).is_ok());
-        for (program, stack_top, error) in [
+        assert!(program(VECTORS, good).check_vectors(VECTORS, 0x5800).is_ok());
+        for (program, stack_size, error) in [
             (
                 program(VECTORS, good),
-                0x2002_0000,
-                "the stack begins at 0x20005800, the board's RAM ends at 0x20020000",
+                0x2_0000,
+                "the stack begins at 0x20005800, the board's at 0x20020000",
             ),
-            (
-                program(VECTORS + 0x4000, good),
-                0x2000_5800,
-                "no vector table at 0x8000000",
-            ),
+            (program(VECTORS + 0x4000, good), 0x5800, "no vector table at 0x8000000"),
             (
                 program(VECTORS, [0x2000_5800, VECTORS + 8, 0]),
-                0x2000_5800,
+                0x5800,
                 "the reset handler is at 0x8000008,",
             ),
             (
                 program(VECTORS, [0x2000_5800, VECTORS + 13, 0]),
-                0x2000_5800,
+                0x5800,
                 "the reset handler is at 0x800000d,",
             ),
         ] {
-            let refused = program.check_vectors(VECTORS, stack_top).unwrap_err().to_string();
+            let refused = program.check_vectors(VECTORS, stack_size).unwrap_err().to_string();
             assert!(refused.starts_with(error), "{refused}");
         }
     }

@@ -21,6 +21,7 @@ mod poll;
 mod rate;
 mod recovery;
 mod selftest;
+mod stack;
 mod start;
 mod stop;
 mod stop_with_weight;

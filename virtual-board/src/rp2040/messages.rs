@@ -22,6 +22,7 @@ mod command {
     pub(super) const ABORTED: u8 = 15;
     pub(super) const READ: u8 = 16;
     pub(super) const WRITE: u8 = 17;
+    pub(super) const MOVE_STACK: u8 = 18;
 }
 
 /// The numbers of events, as there.
@@ -89,6 +90,13 @@ impl Commands {
     pub(super) fn hold(&mut self, held: bool) {
         self.byte(command::HOLD);
         self.byte(held.into());
+    }
+
+    /// Moves the top of the stack to this address, with this number of bytes.
+    pub(super) fn move_stack(&mut self, to: u32, bytes: u32) {
+        self.byte(command::MOVE_STACK);
+        self.word(to);
+        self.word(bytes);
     }
 
     /// Changes the content of the flash.

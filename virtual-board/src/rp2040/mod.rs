@@ -21,7 +21,7 @@ use self::messages::{Commands, Event};
 use self::process::Process;
 use self::uart::Uart;
 use self::usb::Usb;
-use crate::engine::{Engine, Stopped, Watched};
+use crate::engine::{Engine, FRAMES, Stopped, Watched};
 use crate::error::Error;
 use crate::mcu::Setup;
 use crate::report::{Cause, Crash, Report, Restart};
@@ -253,6 +253,10 @@ impl Engine for Rp2040 {
 
     fn hold(&mut self, held: bool) {
         self.commands.hold(held);
+    }
+
+    fn move_stack(&mut self, to: u32) {
+        self.commands.move_stack(to, FRAMES);
     }
 
     /// The flash reports no errors.

@@ -12,7 +12,7 @@ use std::sync::atomic::AtomicBool;
 use crate::can::bus::Bus as CanBus;
 use crate::core::{Bus, Core, FlashTiming, Memory, Register, Stop, Timing, Width};
 use crate::crystal::Oscillator;
-use crate::engine::{Engine, News, Stopped, Watched};
+use crate::engine::{Engine, FRAMES, News, Stopped, Watched};
 use crate::error::Error;
 use crate::flash::Flash;
 use crate::line::AnyLine;
@@ -424,6 +424,17 @@ impl<C: Chip> Engine for Machine<C> {
 
     fn hold(&mut self, held: bool) {
         self.held = held;
+    }
+
+    fn move_stack(&mut self, to: u32) {
+        let from = self.core.register(Register::R(13));
+        let memory = self.core.memory_mut();
+        for at in (0..FRAMES).step_by(4) {
+            if let Some(word) = memory.read(from + at, Width::Word) {
+                memory.write(to + at, Width::Word, word);
+            }
+        }
+        self.core.set_register(Register::R(13), to);
     }
 
     fn break_flash(&mut self, offsets: Range<usize>) {

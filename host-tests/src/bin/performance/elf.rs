@@ -25,7 +25,7 @@ pub(crate) struct Elf {
     pub(crate) flash_bytes: usize,
     /// The end of the program in flash, behind the initial values of variables.
     flash_end: u32,
-    /// The bytes of RAM for variables. The stack has the rest.
+    /// The bytes of RAM for variables.
     pub(crate) ram_bytes: u32,
     /// The addresses of functions by their mangled names.
     pub(crate) symbols: BTreeMap<String, u32>,
@@ -40,7 +40,7 @@ impl Elf {
             let (address, data) = (segment.address() as u32, segment.data()?);
             flash_bytes += data.len();
             if address >= RAM {
-                ram_bytes = ram_bytes.max(address - RAM + segment.size() as u32);
+                ram_bytes += segment.size() as u32;
             } else {
                 flash.resize((address - FLASH) as usize, 0xFF);
                 flash.extend(data);
@@ -73,10 +73,9 @@ impl Elf {
         self.symbols.get("_flash_end")?.checked_sub(self.flash_end)
     }
 
-    /// The ends of the stack. The first word of the vector table is its top.
+    /// The ends of an image's stack. Its memory file defines the symbols.
     pub(crate) fn stack(&self) -> [u32; 2] {
-        let top = self.flash.first_chunk().map_or(RAM, |word| u32::from_le_bytes(*word));
-        [(RAM + self.ram_bytes).next_multiple_of(4), top]
+        ["_stack_end", "_stack_start"].map(|name| self.symbols.get(name).copied().unwrap_or(RAM))
     }
 }
 
