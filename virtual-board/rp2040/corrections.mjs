@@ -3,13 +3,14 @@
 
 // Corrects a chip that has just started. `rom` has the functions of the boot ROM that act on the flash or end the
 // program: `erase(from, length)`, `program(to, bytes)` and `startBootLoader()`. `lockUp` stops the core.
-export function correct(rp2040, { uniqueId, rom, lockUp }) {
+export function correct(rp2040, { revision, uniqueId, rom, lockUp }) {
   quieten(rp2040);
   faultBelowMemory(rp2040, lockUp);
   latchInterrupts(rp2040);
   answerAborts(rp2040);
   addCacheControl(rp2040);
   fireAlarmsOnTime(rp2040);
+  setRevision(rp2040, revision);
   addUniqueId(rp2040, uniqueId);
   addRom(rp2040, rom);
 }
@@ -106,6 +107,18 @@ function fireAlarmsOnTime(rp2040) {
     // The alarm comes when the counter reaches the value, not while it has it.
     const delay = (micros === 0 ? 2 ** 32 : micros) * 1000 - (nanos % 1000);
     timer.alarms[(offset - ALARM0) / 4].clockAlarm.schedule(delay);
+  };
+}
+
+// The revision of the chip in CHIP_ID (2.20.2), which is B1 in rp2040js.
+function setRevision(rp2040, revision) {
+  const CHIP_ID = 0x00;
+  const REVISION = 28;
+  const info = rp2040.peripherals[0x40000];
+  const { readUint32 } = info;
+  info.readUint32 = (offset) => {
+    const value = readUint32.call(info, offset);
+    return offset === CHIP_ID ? ((value & ~(0xf << REVISION)) | (revision << REVISION)) >>> 0 : value;
   };
 }
 

@@ -22,6 +22,7 @@ export class Machine {
   events = new Writer();
 
   #cycleNanos;
+  #revision;
   #uniqueId;
   // The functions that run only in a crash: a 1 for each halfword of the flash.
   #crashes;
@@ -35,8 +36,9 @@ export class Machine {
   #clock;
   #rp2040;
 
-  constructor({ cycleNanos, uniqueId, crashes, flash }) {
+  constructor({ cycleNanos, revision, uniqueId, crashes, flash }) {
     this.#cycleNanos = cycleNanos;
+    this.#revision = revision;
     this.#uniqueId = uniqueId;
     this.#crashes = new Uint8Array(flash.length / 2);
     for (const address of crashes) this.#crashes[(address - FLASH) >> 1] = 1;
@@ -73,8 +75,9 @@ export class Machine {
     this.#isStopped = true;
   }
 
-  // Starts the chip again, for this reason in the watchdog's register. The RAM and the flash keep their content.
-  restart(reason) {
+  // Starts the chip again, for this reason in the watchdog's register. The RAM and the flash keep their content, and so do
+  // the watchdog's scratch registers, of which the ROM clears one.
+  restart(reason, isByRom) {
     const before = this.#rp2040;
     this.#origin = this.#now;
     this.#held &= BY_BOARD;
@@ -84,6 +87,7 @@ export class Machine {
     const watchdog = this.#rp2040.peripherals[WATCHDOG];
     watchdog.reason = reason;
     if (reason !== 0) watchdog.scratchData.set(before.peripherals[WATCHDOG].scratchData);
+    if (isByRom) watchdog.scratchData[4] = 0;
   }
 
   // Holds the core, or releases it.
@@ -135,6 +139,7 @@ export class Machine {
     this.#clock = clock;
     this.#rp2040 = rp2040;
     correct(rp2040, {
+      revision: this.#revision,
       uniqueId: this.#uniqueId,
       lockUp: () => this.#hold(BY_LOCKUP, true),
       rom: {
@@ -166,7 +171,7 @@ export class Machine {
       this.stop();
     };
     this.uart = new Uart(this, rp2040.uart[ARM]);
-    this.usb = new Usb(this, rp2040);
+    this.usb = new Usb(this, rp2040, this.#revision);
   }
 
   #waitForFlash() {

@@ -15,9 +15,10 @@ for (let commands = receive(); commands; commands = receive()) {
 function start(commands) {
   if (commands.byte() !== Command.START) throw new Error('the first command is START');
   const cycleNanos = commands.number();
+  const revision = commands.byte();
   const uniqueId = commands.bytes();
   const crashes = Array.from({ length: commands.word() }, () => commands.word());
-  return new Machine({ cycleNanos, uniqueId, crashes, flash: commands.bytes() });
+  return new Machine({ cycleNanos, revision, uniqueId, crashes, flash: commands.bytes() });
 }
 
 function act(commands) {
@@ -27,7 +28,7 @@ function act(commands) {
     case Command.RUN:
       return run(commands.number());
     case Command.RESET:
-      return machine.restart(commands.byte());
+      return machine.restart(commands.byte(), commands.byte() !== 0);
     case Command.HOLD:
       return machine.hold(commands.byte() !== 0);
     case Command.FLASH:

@@ -29,13 +29,21 @@ const AVAILABLE = 1 << 10;
 const STALL = 1 << 11;
 const FULL = 1 << 15;
 
+// The last revision with RP2040-E2.
+const REVISION_B1 = 1;
+const ALL = 0xffffffff;
+
 export class Usb {
   #machine;
   #rp2040;
   #controller;
+  #revision;
+  // True once an endpoint was held on a chip with RP2040-E2: all answer with NAK from then on.
+  #isStuck = false;
 
-  constructor(machine, rp2040) {
+  constructor(machine, rp2040, revision) {
     this.#machine = machine;
+    this.#revision = revision;
     this.#rp2040 = rp2040;
     this.#controller = rp2040.usbCtrl;
     this.#reportRegisters();
@@ -103,12 +111,13 @@ export class Usb {
       writeUint32.call(controller, offset, value);
       // rp2040js ends an abort at once. The chip waits for the end of a transaction.
       if (offset === EP_ABORT) controller.epAbortDone = done;
+      if (offset === EP_ABORT && value !== 0 && this.#revision <= REVISION_B1) this.#isStuck = true;
       const number = NOTICED.indexOf(offset);
       if (number < 0) return;
       const { events } = this.#machine;
       events.byte(Event.USB);
       events.byte(number);
-      events.word(value);
+      events.word(offset === EP_ABORT && this.#isStuck ? ALL : value);
       this.#machine.stop();
     };
   }

@@ -26,6 +26,7 @@ use crate::mcu::Setup;
 use crate::mcu::stm32f405::{ArmUart, IDENTITY, Reenabled};
 use crate::mcu::stm32g431::EccRegister;
 use crate::report::{Report, Violation};
+use crate::rp2040::Rp2040Revision;
 use crate::shared::{Shared, lock};
 use crate::soc::gdb::Debugger;
 use crate::soc::machine::Edges;
@@ -69,6 +70,8 @@ pub struct Config<A> {
     pub internal_hz: u32,
     /// The chip's DBGMCU_IDCODE: its revision (RM0090, 38.6.1).
     pub idcode: u32,
+    /// The revision of an RP2040.
+    pub rp2040_revision: Rp2040Revision,
     /// The chip's unique id. The flash of an RP2040 has the first eight bytes.
     pub unique_id: [u8; 12],
     /// The seed of the fault positions at given rates, of the flash content after a loss of power, and of the times
@@ -107,6 +110,7 @@ impl<A> Config<A> {
             crystal: Crystal::new(8_000_000),
             internal_hz: INTERNAL_HZ,
             idcode: IDENTITY,
+            rp2040_revision: Rp2040Revision::default(),
             unique_id: *b"\x20\x00\x41\x00\x0B51P\x35V03",
             seed: 0,
             timing: Timing::default(),
@@ -208,6 +212,7 @@ impl<A: Arm> VirtualBoard<A> {
         let setup = Setup {
             unique_id: config.unique_id,
             idcode: config.idcode,
+            rp2040_revision: config.rp2040_revision,
             arm_uart: config.arm_uart,
             reenabled: config.reenabled,
             ecc_register: config.ecc_register,
@@ -406,6 +411,12 @@ impl<A: Arm> VirtualBoard<A> {
         self.run_for(POWER_OFF)?;
         lock(&self.flash).supply = Some(true);
         Ok(())
+    }
+
+    /// Restarts the chip as that which has written its flash does: the ROM of an RP2040 by the watchdog's timer, a debugger of
+    /// an STM32 by the core's reset request. The image is the same.
+    pub fn restart_after_flashing(&mut self) {
+        self.engine.restart_after_flashing();
     }
 
     /// Replaces the crystal. A running crystal stays as it was until it is switched off.

@@ -67,6 +67,9 @@ pub(crate) trait Engine: Debug + Send {
     /// Stops the core until the next reset, or releases it.
     fn hold(&mut self, held: bool);
 
+    /// Restarts the chip as that which has written its flash does.
+    fn restart_after_flashing(&mut self);
+
     /// Moves the top of the stack to this address, with its last [`FRAMES`] bytes.
     fn move_stack(&mut self, to: u32);
 

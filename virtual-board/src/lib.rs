@@ -59,5 +59,6 @@ pub use error::Error;
 pub use line::Arm;
 pub use mcu::stm32f405::{ArmUart, Reenabled};
 pub use mcu::stm32g431::EccRegister;
+pub use rp2040::Rp2040Revision;
 pub use time::Nanos;
 pub use timing::Timing;

@@ -24,7 +24,7 @@ use armwire_bridge::{Counters, Duration};
 use armwire_virtual_board::line::{Arm, Direction, Fault, LineByte, Outcome};
 use armwire_virtual_board::usb::cdc::LineCoding;
 use armwire_virtual_board::usb::host::Request;
-use armwire_virtual_board::{Config, Nanos, VirtualBoard};
+use armwire_virtual_board::{Config, Nanos, Rp2040Revision, VirtualBoard};
 
 pub use can_program::CanProgram;
 pub use chip::{Facts, chip, facts};
@@ -64,13 +64,30 @@ pub fn path() -> PathBuf {
     path
 }
 
+/// A board with the image, whose RP2040 has the revision that `ARMWIRE_RP2040_REVISION` names, by default B2.
+///
+/// # Panics
+///
+/// As [`path`], and if there is no such revision.
+pub fn board_config<A>(arm: A) -> Config<A> {
+    let rp2040_revision = match env::var("ARMWIRE_RP2040_REVISION").as_deref() {
+        Ok("B1") => Rp2040Revision::B1,
+        Ok("B2") | Err(_) => Rp2040Revision::B2,
+        Ok(other) => panic!("ARMWIRE_RP2040_REVISION: {other:?} is neither B1 nor B2"),
+    };
+    Config {
+        rp2040_revision,
+        ..Config::new(path(), arm)
+    }
+}
+
 /// Runs a test on a board that runs the image, with `arm` on its UART and no USB cable in.
 ///
 /// # Panics
 ///
 /// See [`on_board_with`].
 pub fn on_board<A: Arm, R>(arm: A, test: impl FnOnce(&mut VirtualBoard<A>) -> R) -> R {
-    on_board_with(Config::new(path(), arm), test)
+    on_board_with(board_config(arm), test)
 }
 
 /// Runs a test on a board with this configuration.

@@ -6,7 +6,7 @@ use armwire_bridge::{Counters, Duration};
 use armwire_virtual_board::{Chip, Config as BoardConfig, Nanos, Timing, VirtualBoard};
 
 use super::hosts::{ANSWER_TIMEOUT, POLL_PERIOD};
-use super::{ArmCounts, Hosts, TicketArm, Traffic, counters, facts, on_board_with, path, run_until_unread};
+use super::{ArmCounts, Hosts, TicketArm, Traffic, board_config, counters, facts, on_board_with, run_until_unread};
 
 /// A board whose arm is a [`TicketArm`], with all [`Hosts`].
 #[derive(Debug)]
@@ -57,7 +57,7 @@ pub fn for_chip(chip: Chip, config: Config) -> Config {
 pub fn session<R>(turnaround: Duration, config: Config, test: impl FnOnce(&mut Session<'_>) -> R) -> R {
     let slow = BoardConfig {
         timing: Timing::Drawn,
-        ..BoardConfig::new(path(), TicketArm::new(turnaround))
+        ..board_config(TicketArm::new(turnaround))
     };
     on_board_with(slow, |board| {
         let config = for_chip(board.chip(), config);

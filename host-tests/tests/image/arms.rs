@@ -10,8 +10,8 @@ use armwire_bridge::config::{ArmKind, Config, Poll};
 use armwire_bridge::control::{self, Event, Initiator, Reply};
 use armwire_host_tests::image::requests::encoded;
 use armwire_host_tests::image::{
-    BIT_RATE, CanProgram, Control, MEGABAUD, Program, ProgramOf, RawArm, byte_time, chip, counters, facts, noise, open,
-    path, plug_in, same_bytes,
+    BIT_RATE, CanProgram, Control, MEGABAUD, Program, ProgramOf, RawArm, board_config, byte_time, chip, counters,
+    facts, noise, open, plug_in, same_bytes,
 };
 use armwire_sim::alpha1::{Alpha1Robot, BusConfig, RobotConfig, ServoBus};
 use armwire_sim::ling::LingArm;
@@ -42,7 +42,7 @@ fn bytes_of<P: Messages + Default>(request: &P::Request<'_>) -> Vec<u8> {
 ///
 /// The serial port is not open yet.
 fn saved<A: Arm>(arm: A, baud: u32, config: Config, test: impl FnOnce(&mut VirtualBoard<A>)) {
-    let mut board_config = armwire_virtual_board::Config::new(path(), arm);
+    let mut board_config = board_config(arm);
     board_config.arm_baud = baud;
     let mut board = VirtualBoard::start(board_config).unwrap();
     let board = &mut board;

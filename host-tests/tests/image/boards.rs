@@ -7,11 +7,11 @@ use armwire_bridge::can::{Function, Node};
 use armwire_bridge::config::{self, Config, Poll};
 use armwire_bridge::control::{Reply, Request};
 use armwire_host_tests::image::{
-    BIT_RATE, Control, MEGABAUD, RawArm, chip, exchange, facts, on_board_with, path, plug_in,
+    BIT_RATE, Control, MEGABAUD, RawArm, board_config, chip, exchange, facts, on_board_with, path, plug_in,
 };
 use armwire_sim::ling::{self, LingArm};
 use armwire_virtual_board::line::Arm;
-use armwire_virtual_board::{Chip, Config as BoardConfig, Nanos, VirtualBoard};
+use armwire_virtual_board::{Chip, Nanos, VirtualBoard};
 
 /// Distance of two ports of an STM32, and their registers (RM0090 8.4, RM0440 9.4).
 const PORT: u64 = 0x400;
@@ -65,7 +65,7 @@ fn this() -> &'static Board {
 /// Runs a test on the image's board.
 fn on_this<A: Arm, R>(arm: A, test: impl FnOnce(&mut VirtualBoard<A>, &'static Board) -> R) -> R {
     let this = this();
-    on_board_with(BoardConfig::new(path(), arm).on(this), |board| test(board, this))
+    on_board_with(board_config(arm).on(this), |board| test(board, this))
 }
 
 /// A register of a pin's port.

@@ -3,11 +3,11 @@
 use std::time::Instant;
 
 use armwire_host_tests::image::{
-    MEGABAUD, RawArm, byte_time, chip, counters, exchange, facts, noise, on_board, on_board_with, path, plug_in,
-    same_bytes,
+    MEGABAUD, RawArm, board_config, byte_time, chip, counters, exchange, facts, noise, on_board, on_board_with,
+    plug_in, same_bytes,
 };
+use armwire_virtual_board::Nanos;
 use armwire_virtual_board::usb::Direction;
-use armwire_virtual_board::{Config, Nanos};
 
 /// Chunk sizes around those of a byte, a packet, two packets, ten packets, the queues and the receive ring.
 const SIZES: [usize; 23] = [
@@ -16,7 +16,7 @@ const SIZES: [usize; 23] = [
 
 /// Exchanges `count` bytes in both directions at once, and prints the throughput.
 fn saturate(baud: u32, count: usize) {
-    let mut config = Config::new(path(), RawArm::default());
+    let mut config = board_config(RawArm::default());
     config.arm_baud = baud;
     on_board_with(config, |board| {
         plug_in(board, baud);

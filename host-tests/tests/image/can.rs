@@ -7,8 +7,8 @@ use armwire_bridge::control::{self, Event};
 use armwire_bridge::isotp::SeparationTime;
 use armwire_host_tests::image::requests::frame;
 use armwire_host_tests::image::{
-    BIT_RATE, CanProgram, Control, MEGABAUD, Program, chip, counters, facts, on_board, on_board_with, path, plug_in,
-    read_all,
+    BIT_RATE, CanProgram, Control, MEGABAUD, Program, board_config, chip, counters, facts, on_board, on_board_with,
+    plug_in, read_all,
 };
 use armwire_sim::ling::LingArm;
 use armwire_virtual_board::{Nanos, VirtualBoard};
@@ -244,7 +244,7 @@ fn consecutive_frames_keep_separation_on_busy_bus() {
 
 #[test]
 fn saturating_flood_leaves_adapter_on_the_bus() {
-    let mut config = armwire_virtual_board::Config::new(path(), ling());
+    let mut config = board_config(ling());
     config.instruction_cost = config.instruction_cost.saturating_mul(facts(chip()).flooded);
     on_board_with(config, |board| {
         start_telemetry(board).subscribe(board);
@@ -264,7 +264,7 @@ fn bus_loss_during_flash_erase_is_counted() {
     // Flash without room for a record: a save begins with an erase.
     let mut contents = vec![0xFF; chip().flash_size()];
     contents[facts(chip()).config_flash].fill(0x5A);
-    let mut config = armwire_virtual_board::Config::new(path(), ling());
+    let mut config = board_config(ling());
     config.flash = Some(contents);
     on_board_with(config, |board| {
         let mut control = start_telemetry(board);

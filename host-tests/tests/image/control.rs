@@ -5,8 +5,8 @@ use armwire_bridge::config::{Config, Poll};
 use armwire_bridge::control::{self, Event, Initiator, Reply};
 use armwire_bridge::store::SAVE_BUDGET;
 use armwire_host_tests::image::{
-    Control, MEGABAUD, Program, RawArm, chip, counters, expect_exact, facts, joint_answer, on_board, open, path,
-    plug_in, read_all,
+    Control, MEGABAUD, Program, RawArm, board_config, chip, counters, expect_exact, facts, joint_answer, on_board,
+    open, plug_in, read_all,
 };
 use armwire_sim::ling::LingArm;
 use armwire_virtual_board::line::{Arm, Direction};
@@ -19,7 +19,7 @@ fn ling() -> LingArm {
 }
 
 fn board<A: Arm>(arm: A) -> VirtualBoard<A> {
-    let mut board = VirtualBoard::start(armwire_virtual_board::Config::new(path(), arm)).unwrap();
+    let mut board = VirtualBoard::start(board_config(arm)).unwrap();
     plug_in(&mut board, MEGABAUD);
     board
 }
@@ -100,7 +100,7 @@ fn unreadable_configuration_is_counted_and_defaults_apply() {
     let place = facts(chip()).config_flash;
     let mut flash = vec![0xFF; chip().flash_size()];
     flash[place.start..place.start + place.len() / 2].fill(0x5A);
-    let mut config = armwire_virtual_board::Config::new(path(), ling());
+    let mut config = board_config(ling());
     config.flash = Some(flash);
     let mut board = VirtualBoard::start(config).unwrap();
     plug_in(&mut board, MEGABAUD);

@@ -5,7 +5,7 @@ use armwire_bridge::can::{Frame, Id};
 use armwire_bridge::config::{ArmKind, Config, HostTimeout};
 use armwire_bridge::control::{Event, Reply, Request, Subscription};
 use armwire_bridge::store::Saved;
-use armwire_host_tests::image::{BIT_RATE, Control, MEGABAUD, RawArm, chip, counters, facts, path, plug_in};
+use armwire_host_tests::image::{BIT_RATE, Control, MEGABAUD, RawArm, board_config, chip, counters, facts, plug_in};
 use armwire_virtual_board::can::{NodeConfig, Sender};
 use armwire_virtual_board::{Config as BoardConfig, Error, Nanos, Timing, VirtualBoard};
 
@@ -24,7 +24,7 @@ const fn millis(millis: u64) -> Nanos {
 }
 
 fn board() -> Board {
-    let mut board = VirtualBoard::start(BoardConfig::new(path(), RawArm::default())).unwrap();
+    let mut board = VirtualBoard::start(board_config(RawArm::default())).unwrap();
     board.can().join(NODE, NodeConfig::classic(BIT_RATE));
     run(&mut board, STARTED);
     board
@@ -247,7 +247,7 @@ fn reset_of_a_crashing_store_ends_recovery() {
     // The longest stall of the core, for two erases.
     let mut board = VirtualBoard::start(BoardConfig {
         timing: Timing::Worst,
-        ..BoardConfig::new(path(), RawArm::default())
+        ..board_config(RawArm::default())
     })
     .unwrap();
     let board = &mut board;

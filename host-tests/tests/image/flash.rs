@@ -6,8 +6,8 @@ use armwire::ling::JOINTS;
 use armwire_bridge::config::Config;
 use armwire_bridge::control::{self, Reply};
 use armwire_host_tests::image::{
-    Control, MEGABAUD, RawArm, chip, counters, exchange, expect_exact_frames, facts, joint_answer, noise,
-    on_board_with, open, path, plug_in, read_all, same_bytes,
+    Control, MEGABAUD, RawArm, board_config, chip, counters, exchange, expect_exact_frames, facts, joint_answer, noise,
+    on_board_with, open, plug_in, read_all, same_bytes,
 };
 use armwire_sim::ling::LingArm;
 use armwire_virtual_board::line::Arm;
@@ -26,7 +26,7 @@ fn with_full_flash<A: Arm>(arm: A, timing: Timing) -> BoardConfig<A> {
     BoardConfig {
         flash: Some(contents),
         timing,
-        ..BoardConfig::new(path(), arm)
+        ..board_config(arm)
     }
 }
 
@@ -198,7 +198,7 @@ fn supply_drop_during_save_keeps_previous_configuration() {
     if chip() != Chip::Stm32f405 {
         return;
     }
-    let mut board = VirtualBoard::start(BoardConfig::new(path(), ling())).unwrap();
+    let mut board = VirtualBoard::start(board_config(ling())).unwrap();
     let board = &mut board;
     plug_in(board, MEGABAUD);
     let mut control = Control::open(board);
@@ -242,7 +242,7 @@ const LATER_MS: u16 = 900;
 
 /// The first save, and the last one before a save that erases.
 fn before_saves() -> [Saved; 2] {
-    let mut board = VirtualBoard::start(BoardConfig::new(path(), ling())).unwrap();
+    let mut board = VirtualBoard::start(board_config(ling())).unwrap();
     let board = &mut board;
     plug_in(board, MEGABAUD);
     let mut control = Control::open(board);
@@ -269,7 +269,7 @@ fn interrupt_save(before: &Saved, ecc_register: EccRegister, operation: u32) -> 
         flash: Some(before.flash.clone()),
         ecc_register,
         seed: operation.into(),
-        ..BoardConfig::new(path(), ling())
+        ..board_config(ling())
     })
     .unwrap();
     let board = &mut board;
@@ -334,7 +334,7 @@ fn ecc_error_outside_configuration_is_a_panic() {
     /// KEYR with its keys, and CR with PG (RM0440 5.7).
     const UNLOCK: [(u64, u32); 3] = [(0x4002_2008, 0x4567_0123), (0x4002_2008, 0xCDEF_89AB), (0x4002_2014, 1)];
     const FLASH: u64 = 0x0800_0000;
-    let mut board = VirtualBoard::start(BoardConfig::new(path(), ling())).unwrap();
+    let mut board = VirtualBoard::start(board_config(ling())).unwrap();
     let name = chip().to_string();
     let flash = board.flash();
     let place = flash.windows(name.len()).position(|bytes| bytes == name.as_bytes());

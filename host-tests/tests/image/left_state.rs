@@ -1,8 +1,8 @@
 //! A chip that is not in its reset state: a ROM, a boot loader, a debugger or another firmware leaves clocks, interrupts and
 //! peripherals as they used them, and starts the image by a jump.
 
-use armwire_host_tests::image::{MEGABAUD, RawArm, chip, counters, exchange, on_board_with, path, plug_in};
-use armwire_virtual_board::{Chip, Config, Nanos, VirtualBoard};
+use armwire_host_tests::image::{MEGABAUD, RawArm, board_config, chip, counters, exchange, on_board_with, plug_in};
+use armwire_virtual_board::{Chip, Nanos, VirtualBoard};
 
 /// The registers that enable interrupts of the core (ARMv7-M B3.4).
 const NVIC_ISER: u64 = 0xE000_E100;
@@ -88,7 +88,7 @@ fn image_starts_in_any_state_that_another_program_leaves() {
         _ => return,
     };
     for left in left {
-        let config = Config::new(path(), RawArm::default());
+        let config = board_config(RawArm::default());
         on_board_with(config, |board: &mut VirtualBoard<RawArm>| {
             println!("{}", left.name);
             board.hold_core();

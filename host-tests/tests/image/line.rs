@@ -6,8 +6,8 @@ use armwire::messages::Messages;
 use armwire_bridge::{Counters, Duration, Instant};
 use armwire_host_tests::image::requests::encoded;
 use armwire_host_tests::image::{
-    MEGABAUD, RawArm, as_received, byte_time, chip, counters, exchange, facts, noise, on_board, on_board_with, path,
-    plug_in, read_all, same_bytes,
+    MEGABAUD, RawArm, as_received, board_config, byte_time, chip, counters, exchange, facts, noise, on_board,
+    on_board_with, plug_in, read_all, same_bytes,
 };
 use armwire_virtual_board::line::{Fault, FaultRates, LineByte, Outcome, Parity};
 use armwire_virtual_board::usb::cdc::LineCoding;
@@ -21,7 +21,7 @@ fn with_either_dma(test: impl Fn(&mut VirtualBoard<RawArm>)) {
     let variants = [Reenabled::Restarts, Reenabled::Resumes];
     for reenabled in facts(chip()).variants(variants) {
         println!("a stream that is enabled again: {reenabled:?}");
-        let mut config = Config::new(path(), RawArm::default());
+        let mut config = board_config(RawArm::default());
         config.reenabled = reenabled;
         config.seed = 7;
         on_board_with(config, |board| {
@@ -203,7 +203,7 @@ fn parity_errors_are_counted_individually() {
     for exact_cycles in [false, true] {
         let config = Config {
             exact_cycles,
-            ..Config::new(path(), RawArm::default())
+            ..board_config(RawArm::default())
         };
         on_board_with(config, |board| {
             plug_in(board, MEGABAUD);

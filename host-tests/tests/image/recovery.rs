@@ -8,12 +8,12 @@ use armwire_bridge::isotp;
 use armwire_bridge::{Duration, PACKET};
 use armwire_host_tests::image::requests::{frame, motion};
 use armwire_host_tests::image::{
-    Control, MEGABAUD, RequestTracker, Session, Ticket, TicketArm, byte_time, chip, facts, path, plug_in, polled,
-    session,
+    Control, MEGABAUD, RequestTracker, Session, Ticket, TicketArm, board_config, byte_time, chip, facts, plug_in,
+    polled, session,
 };
 use armwire_virtual_board::line::{Direction, Fault, LineByte};
 use armwire_virtual_board::report::Cause;
-use armwire_virtual_board::{Config as BoardConfig, Nanos, VirtualBoard};
+use armwire_virtual_board::{Nanos, VirtualBoard};
 
 const TURNAROUND: Duration = Duration::from_micros(100);
 
@@ -531,7 +531,7 @@ fn silent_can_host_switches_torque_off_if_configured() {
 
 #[test]
 fn watchdog_restart_of_armed_adapter_switches_torque_off() {
-    let mut board = VirtualBoard::start(BoardConfig::new(path(), TicketArm::new(TURNAROUND))).unwrap();
+    let mut board = VirtualBoard::start(board_config(TicketArm::new(TURNAROUND))).unwrap();
     plug_in(&mut board, MEGABAUD);
     let mut control = Control::open(&mut board);
     let host_timeout = HostTimeout {

@@ -1,8 +1,8 @@
 //! A stack that overflows: a fault that is counted, and no changed data.
 
 use armwire_bridge::control::{Reply, Request};
-use armwire_host_tests::image::{Control, MEGABAUD, RawArm, counters, exchange, path, plug_in};
-use armwire_virtual_board::{Config, Error, Nanos, VirtualBoard};
+use armwire_host_tests::image::{Control, MEGABAUD, RawArm, board_config, counters, exchange, plug_in};
+use armwire_virtual_board::{Error, Nanos, VirtualBoard};
 
 type Board = VirtualBoard<RawArm>;
 
@@ -35,7 +35,7 @@ fn is_in_recovery(board: &mut Board) -> bool {
 fn three_stack_overflows_lead_to_recovery() {
     // In the entry of an interrupt, in its handler, and in a task.
     for left in [16, 48, 256] {
-        let mut board = VirtualBoard::start(Config::new(path(), RawArm::default())).unwrap();
+        let mut board = VirtualBoard::start(board_config(RawArm::default())).unwrap();
         board.run_for(Nanos::from_millis(50)).unwrap();
         for _ in 0..3 {
             assert!(!is_in_recovery(&mut board));

@@ -1,12 +1,11 @@
 //! A run of the firmware image repeats to the nanosecond.
 
-use armwire_host_tests::image::{MEGABAUD, RawArm, noise, on_board_with, path, plug_in, read_all};
-use armwire_virtual_board::Config;
+use armwire_host_tests::image::{MEGABAUD, RawArm, board_config, noise, on_board_with, plug_in, read_all};
 use armwire_virtual_board::line::FaultRates;
 
 /// The trace of a run with faults drawn from `seed`.
 fn trace(seed: u64) -> u64 {
-    let mut config = Config::new(path(), RawArm::default());
+    let mut config = board_config(RawArm::default());
     config.seed = seed;
     on_board_with(config, |board| {
         plug_in(board, MEGABAUD);

@@ -5,15 +5,15 @@ use armwire::messages::Messages;
 use armwire_bridge::Duration;
 use armwire_host_tests::image::requests::encoded;
 use armwire_host_tests::image::{
-    MEGABAUD, Program, RawArm, byte_time, chip, counters, exchange, facts, noise, on_board, on_board_with, open, path,
-    plug_in, read_all, same_bytes,
+    MEGABAUD, Program, RawArm, board_config, byte_time, chip, counters, exchange, facts, noise, on_board,
+    on_board_with, open, plug_in, read_all, same_bytes,
 };
 use armwire_sim::ling::LingArm;
 use armwire_virtual_board::line::Direction as LineDirection;
 use armwire_virtual_board::usb::Direction;
 use armwire_virtual_board::usb::cdc::LineCoding;
 use armwire_virtual_board::usb::host::Request as UsbRequest;
-use armwire_virtual_board::{Config, Nanos, VirtualBoard};
+use armwire_virtual_board::{Nanos, VirtualBoard};
 
 /// Exchanges enough to wrap every queue of the adapter.
 fn exchange_some(board: &mut VirtualBoard<RawArm>, seed: u64) {
@@ -21,7 +21,7 @@ fn exchange_some(board: &mut VirtualBoard<RawArm>, seed: u64) {
 }
 
 fn serial_number(unique_id: [u8; 12]) -> String {
-    let mut config = Config::new(path(), RawArm::default());
+    let mut config = board_config(RawArm::default());
     config.unique_id = unique_id;
     on_board_with(config, |board| {
         board.usb().attach();

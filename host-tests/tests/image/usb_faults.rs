@@ -2,7 +2,8 @@
 
 use armwire_bridge::Counters;
 use armwire_host_tests::image::{
-    MEGABAUD, RawArm, chip, counters, exchange, facts, noise, on_board_with, open, path, plug_in, read_all, same_bytes,
+    MEGABAUD, RawArm, board_config, chip, counters, exchange, facts, noise, on_board_with, open, plug_in, read_all,
+    same_bytes,
 };
 use armwire_virtual_board::usb::Direction;
 use armwire_virtual_board::usb::cdc::LineCoding;
@@ -19,7 +20,7 @@ fn on_either_board(test: impl Fn(&mut Board)) {
     for timing in facts(chip()).variants([Timing::Typical, Timing::Worst]) {
         let config = Config {
             timing,
-            ..Config::new(path(), RawArm::default())
+            ..board_config(RawArm::default())
         };
         on_board_with(config, &test);
     }

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use self::stm32f405::{ArmUart, Reenabled};
 use self::stm32g431::EccRegister;
 use crate::report::Crash;
+use crate::rp2040::Rp2040Revision;
 use crate::soc::gdb::Debugger;
 use crate::soc::machine::Edges;
 
@@ -19,6 +20,7 @@ pub(crate) struct Setup {
     pub(crate) unique_id: [u8; 12],
     /// DBGMCU_IDCODE of the STM32F405.
     pub(crate) idcode: u32,
+    pub(crate) rp2040_revision: Rp2040Revision,
     /// The UART of the STM32F405 with the arm.
     pub(crate) arm_uart: ArmUart,
     pub(crate) reenabled: Reenabled,

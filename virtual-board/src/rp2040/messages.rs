@@ -57,17 +57,19 @@ pub(super) struct ByteErrors {
 pub(super) struct Commands(Vec<u8>);
 
 impl Commands {
-    /// Starts the chip: the duration of a cycle in nanoseconds, the flash's unique id, the addresses that are reached
-    /// only in a crash, and the content of the flash.
+    /// Starts the chip: the duration of a cycle in nanoseconds, the number of its revision, the flash's unique id, the
+    /// addresses that are reached only in a crash, and the content of the flash.
     pub(super) fn start(
         &mut self,
         cycle: f64,
+        revision: u8,
         unique_id: &[u8],
         crashes: impl ExactSizeIterator<Item = u32>,
         flash: &[u8],
     ) {
         self.byte(command::START);
         self.0.extend(cycle.to_le_bytes());
+        self.byte(revision);
         self.bytes(unique_id);
         self.word(crashes.len() as u32);
         crashes.for_each(|address| self.word(address));
@@ -80,10 +82,11 @@ impl Commands {
         self.0.extend((until.0 as f64).to_le_bytes());
     }
 
-    /// Starts the chip again, with this value in the watchdog's REASON (4.7.6).
-    pub(super) fn reset(&mut self, reason: u8) {
+    /// Starts the chip again, with this value in the watchdog's REASON (4.7.6). The ROM clears SCRATCH4 before.
+    pub(super) fn reset(&mut self, reason: u8, by_rom: bool) {
         self.byte(command::RESET);
         self.byte(reason);
+        self.byte(by_rom.into());
     }
 
     /// Holds or releases the core.

@@ -38,6 +38,26 @@ const ID: usize = 8;
 const POWER: u8 = 0;
 const TIMEOUT: u8 = 1;
 
+/// The revision of the chip.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Rp2040Revision {
+    /// B0 and B1. The USB controller answers each token with NAK once an endpoint was held by EP_ABORT (RP2040-E2).
+    B1,
+    /// B2, of 2021 and later.
+    #[default]
+    B2,
+}
+
+impl Rp2040Revision {
+    /// Its number in CHIP_ID (2.20.2).
+    const fn number(self) -> u8 {
+        match self {
+            Self::B1 => 1,
+            Self::B2 => 2,
+        }
+    }
+}
+
 /// The chip.
 #[derive(Debug)]
 pub(crate) struct Rp2040 {
@@ -68,6 +88,7 @@ impl Rp2040 {
         let mut commands = Commands::default();
         commands.start(
             CYCLE_NANOS * f64::from(setup.cycle_cost) / 100.0,
+            setup.rp2040_revision.number(),
             setup.unique_id.get(..ID).unwrap_or_default(),
             setup.crashes.keys().copied(),
             lock(&setup.edges.flash).bytes(),
@@ -106,9 +127,14 @@ impl Rp2040 {
     }
 
     fn restart(&mut self, reason: u8) {
+        self.restart_by(reason, false);
+    }
+
+    /// Restarts the chip for this reason. The ROM clears SCRATCH4 before.
+    fn restart_by(&mut self, reason: u8, rom: bool) {
         self.flash.restart(&mut self.commands);
         self.commands.hold(false);
-        self.commands.reset(reason);
+        self.commands.reset(reason, rom);
         self.reset();
         self.restarts.push(Restart {
             at: self.now,
@@ -253,6 +279,10 @@ impl Engine for Rp2040 {
 
     fn hold(&mut self, held: bool) {
         self.commands.hold(held);
+    }
+
+    fn restart_after_flashing(&mut self) {
+        self.restart_by(TIMEOUT, true);
     }
 
     fn move_stack(&mut self, to: u32) {

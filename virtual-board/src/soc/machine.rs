@@ -426,6 +426,10 @@ impl<C: Chip> Engine for Machine<C> {
         self.held = held;
     }
 
+    fn restart_after_flashing(&mut self) {
+        self.restart(Cause::Software);
+    }
+
     fn move_stack(&mut self, to: u32) {
         let from = self.core.register(Register::R(13));
         let memory = self.core.memory_mut();

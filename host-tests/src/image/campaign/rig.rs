@@ -4,11 +4,11 @@ use armwire_bridge::config::Config;
 use armwire_bridge::control::Request;
 use armwire_bridge::{Counters, Duration, PACKET};
 use armwire_virtual_board::line::Direction;
-use armwire_virtual_board::{Config as BoardConfig, Nanos, Timing, VirtualBoard};
+use armwire_virtual_board::{Nanos, Timing, VirtualBoard};
 
 use super::super::hosts::{FINE_POLL_PERIOD, POLL_PERIOD};
 use super::super::{
-    ArmCounts, Hosts, MEGABAUD, TicketArm, Traffic, byte_time, counters, open, path, polled, run_until_unread,
+    ArmCounts, Hosts, MEGABAUD, TicketArm, Traffic, board_config, byte_time, counters, open, polled, run_until_unread,
 };
 use super::Result;
 use super::cable::Cable;
@@ -64,7 +64,7 @@ impl Rig {
                 board
             }
             None => {
-                let mut config = BoardConfig::new(path(), arm);
+                let mut config = board_config(arm);
                 config.seed = random.clone().any();
                 config.timing = Timing::Drawn;
                 VirtualBoard::start(config)?

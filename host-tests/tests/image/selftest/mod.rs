@@ -12,7 +12,7 @@ use armwire_bridge::config::{Config as AdapterConfig, HostTimeout, Poll};
 use armwire_bridge::control::{Reply, Request};
 use armwire_cli::selftest::{Check, Plan, Trouble, UsbError, run};
 use armwire_host_tests::image::requests::motion;
-use armwire_host_tests::image::{Control, facts, path};
+use armwire_host_tests::image::{Control, board_config, facts, path};
 use armwire_sim::alpha1::{Alpha1Robot, RobotConfig};
 use armwire_sim::ling::legacy::{self, LegacyArm};
 use armwire_sim::ling::{self, LingArm};
@@ -26,7 +26,7 @@ const BEHIND_JUMPER: usize = 90;
 
 /// A board that runs the image, with a jumper on its UART.
 fn start(jumper: Jumper) -> VirtualBoard<Jumper> {
-    VirtualBoard::start(Config::new(path(), jumper)).unwrap()
+    VirtualBoard::start(board_config(jumper)).unwrap()
 }
 
 /// Runs the checks of a plan.
@@ -92,7 +92,7 @@ fn passes(exact_cycles: bool, timing: Timing) {
     let config = Config {
         exact_cycles,
         timing,
-        ..Config::new(path(), Jumper::default())
+        ..board_config(Jumper::default())
     };
     let mut board = VirtualBoard::start(config).unwrap();
     let checks = checks_of(&mut BoardUsb::new(&mut board), &Plan::default());
@@ -118,7 +118,7 @@ fn adapter_of_exact_cycles_passes() {
 fn answer_follows_cancel_at_any_moment() {
     let config = Config {
         exact_cycles: true,
-        ..Config::new(path(), Jumper::default())
+        ..board_config(Jumper::default())
     };
     let mut board = VirtualBoard::start(config).unwrap();
     let plan = Plan {
@@ -367,7 +367,7 @@ fn crystal_of_another_frequency_is_reported() {
     let crystal = Crystal::new(8_002_000);
     let mut board = VirtualBoard::start(Config {
         crystal,
-        ..Config::new(path(), Jumper::default())
+        ..board_config(Jumper::default())
     })
     .unwrap();
     let checks = checks_of(&mut BoardUsb::new(&mut board), &only(&["crystal"]));
@@ -453,7 +453,7 @@ fn save_that_erases_costs_no_byte() {
         let config = Config {
             flash: Some(flash.clone()),
             timing,
-            ..Config::new(path(), Jumper::default())
+            ..board_config(Jumper::default())
         };
         let mut board = VirtualBoard::start(config).unwrap();
         let checks = checks_of(&mut BoardUsb::new(&mut board), &only(&["saves"]));
