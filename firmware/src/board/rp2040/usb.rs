@@ -8,7 +8,7 @@ use core::task::{Context, Poll};
 use embassy_rp::interrupt::typelevel::{Handler, USBCTRL_IRQ};
 use embassy_rp::pac::common::{RW, Reg};
 use embassy_rp::pac::usb_dpram::regs::EpBufferControl;
-use embassy_rp::pac::{USB, USB_DPRAM};
+use embassy_rp::pac::{SYSINFO, USB, USB_DPRAM};
 use embassy_rp::{peripherals, usb};
 use embassy_usb::driver::{
     self, Bus as _, ControlPipe as _, Direction, EndpointAddress, EndpointError, EndpointIn as _, EndpointOut as _,
@@ -26,6 +26,9 @@ pub(in crate::board) type HalOut = <Hal as driver::Driver<'static>>::EndpointOut
 
 /// Number of endpoints in each direction.
 pub(in crate::board) const ENDPOINTS: usize = 16;
+
+/// The revision B2 in CHIP_ID (2.20.2).
+const REVISION_B2: u8 = 2;
 
 /// Cycles between the content of a buffer's control and AVAILABLE, which the controller reads with another clock
 /// (4.1.2.5.1).
@@ -138,12 +141,16 @@ fn buffer(endpoint: EndpointAddress) -> Reg<EpBufferControl, RW> {
 
 /// Calls `change` with the control of an endpoint's buffer. The endpoint answers with NAK meanwhile (4.1.2.9, EP_ABORT).
 ///
-/// Chips before revision B2 ignore the request (RP2040-E2): a packet that is on the wire meanwhile may count as
-/// waiting.
+/// Before revision B2 all endpoints would answer with NAK from then on (RP2040-E2): there a packet on the wire is waited for
+/// without it.
 fn held<R>(endpoint: EndpointAddress, change: impl FnOnce(Reg<EpBufferControl, RW>) -> R) -> R {
     let index = endpoint.index();
     // The service and the tasks arm endpoints.
     critical_section::with(|_| {
+        if SYSINFO.chip_id().read().revision() < REVISION_B2 {
+            wait_for_packet(endpoint);
+            return change(buffer(endpoint));
+        }
         match endpoint.direction() {
             Direction::In => {
                 USB.ep_abort().write(|w| w.set_ep_in(index, true));
@@ -159,6 +166,29 @@ fn held<R>(endpoint: EndpointAddress, change: impl FnOnce(Reg<EpBufferControl, R
         USB.ep_abort_done().write(|w| w.0 = u32::MAX);
         result
     })
+}
+
+/// Waits for the end of the packet of an endpoint, if it is on the wire. A packet that waits is not available to the controller
+/// meanwhile.
+fn wait_for_packet(endpoint: EndpointAddress) {
+    let (buffer, index) = (buffer(endpoint), endpoint.index());
+    let mut control = buffer.read();
+    if !control.available(0) {
+        return;
+    }
+    control.set_available(0, false);
+    buffer.write_value(control);
+    let has_ended = soon(|| {
+        let status = USB.buff_status().read();
+        match endpoint.direction() {
+            Direction::In => status.ep_in(index),
+            Direction::Out => status.ep_out(index),
+        }
+    });
+    if !has_ended {
+        control.set_available(0, true);
+        buffer.write_value(control);
+    }
 }
 
 /// Returns true if an endpoint is in use.
