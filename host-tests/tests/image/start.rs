@@ -2,7 +2,9 @@
 //!
 //! Only the STM32F405 has a revision whose prefetch does not work.
 
-use armwire_host_tests::image::{MEGABAUD, RawArm, chip, counters, exchange, facts, on_board_with, path, plug_in};
+use armwire_host_tests::image::{
+    MEGABAUD, RawArm, board_config, chip, counters, exchange, facts, on_board_with, plug_in,
+};
 use armwire_virtual_board::line::Arm;
 use armwire_virtual_board::report::{Cause, Crash};
 use armwire_virtual_board::{Chip, Config, Crystal, Error, Nanos, VirtualBoard};
@@ -32,7 +34,7 @@ const fn millis(millis: u64) -> Nanos {
 fn config(crystal: Crystal) -> Config<RawArm> {
     Config {
         crystal,
-        ..Config::new(path(), RawArm::default())
+        ..board_config(RawArm::default())
     }
 }
 
@@ -199,11 +201,28 @@ fn watchdog_watches_before_the_clocks_run() {
 }
 
 #[test]
+fn written_flash_and_lost_power_are_no_crashes() {
+    let mut board = VirtualBoard::start(board_config(RawArm::default())).unwrap();
+    let board = &mut board;
+    for is_written in [false, false, false, false, true, true, true, true] {
+        board.run_for(millis(200)).unwrap();
+        match is_written {
+            true => board.restart_after_flashing(),
+            false => board.power_cycle().unwrap(),
+        }
+    }
+    expect_served(board);
+    let counters = counters(board);
+    let crashes = [counters.watchdog_resets, counters.panics, counters.hard_faults];
+    assert_eq!((crashes, counters.recovery_starts), ([0; 3], 0));
+}
+
+#[test]
 fn service_that_stops_ends_in_watchdog_reset() {
     /// ICER1 of the NVIC, and SPI1, interrupt 35 of both chips.
     const DISABLE: u64 = 0xE000_E184;
     const SERVICE: u32 = 1 << (35 - 32);
-    let mut board = VirtualBoard::start(Config::new(path(), RawArm::default())).unwrap();
+    let mut board = VirtualBoard::start(board_config(RawArm::default())).unwrap();
     expect_served(&mut board);
     board.write_word(DISABLE, SERVICE).unwrap();
     board.run_for(millis(5_000)).unwrap();

@@ -3,6 +3,7 @@
 use embassy_rp::pac;
 use embassy_rp::peripherals::WATCHDOG;
 
+use super::Watchdog;
 use crate::board::ChipReset;
 
 /// The interrupts of the chip (2.3.2).
@@ -13,10 +14,10 @@ pub(crate) fn reset_clocks() {}
 
 /// Reads the cause of the last reset. The chip clears it at the next (2.12.7, 4.7.6).
 pub(crate) fn take_reset() -> ChipReset {
-    let watchdog = pac::WATCHDOG.reason().read();
-    if watchdog.timer() {
+    let by_watchdog = pac::WATCHDOG.reason().read();
+    if Watchdog::has_reset() {
         ChipReset::Watchdog
-    } else if !watchdog.force() && pac::VREG_AND_CHIP_RESET.chip_reset().read().had_por() {
+    } else if !by_watchdog.timer() && !by_watchdog.force() && pac::VREG_AND_CHIP_RESET.chip_reset().read().had_por() {
         ChipReset::PowerOn
     } else {
         ChipReset::Other
