@@ -3,7 +3,7 @@
 //! Only the STM32F405 has a revision whose prefetch does not work.
 
 use armwire_host_tests::image::{
-    MEGABAUD, RawArm, board_config, chip, counters, exchange, facts, on_board_with, plug_in,
+    MEGABAUD, RawArm, board_config, chip, counters, exchange, facts, on_board, on_board_with, plug_in,
 };
 use armwire_virtual_board::line::Arm;
 use armwire_virtual_board::report::{Cause, Crash};
@@ -182,6 +182,16 @@ fn prefetch_is_off_on_revision_a() {
             assert_eq!(control & PRFTEN != 0, prefetches, "{idcode:#x}");
         });
     }
+}
+
+#[test]
+fn core_sleeps_without_the_clock_of_a_debugger() {
+    const DBGMCU_CR: u64 = 0xE004_2004;
+    const DBG_SLEEP: u32 = 1 << 0;
+    on_board(RawArm::default(), |board| {
+        board.run_for(millis(50)).unwrap();
+        assert_eq!(board.read_word(DBGMCU_CR).unwrap() & DBG_SLEEP, 0);
+    });
 }
 
 #[test]

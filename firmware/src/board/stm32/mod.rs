@@ -26,6 +26,7 @@ mod pin;
 mod pre_init;
 mod rcc;
 mod reset;
+mod sleep;
 mod status;
 pub(super) mod time;
 pub(crate) mod usart;
