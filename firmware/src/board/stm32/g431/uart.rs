@@ -25,9 +25,14 @@ pub(crate) fn rx_has_wrapped() -> bool {
     flags.htif(RX_CHANNEL) && flags.tcif(RX_CHANNEL)
 }
 
-/// Clears the interrupt of the transmit DMA.
+/// Clears the interrupt of the transmit DMA, flag by flag: an error that comes with the clear of all at once may be lost
+/// (ES0431, "DMA disable failure and error flag omission upon simultaneous transfer error and global flag clear").
 pub(crate) fn clear_sent() {
-    pac::DMA1.ifcr().write(|w| w.set_gif(TX_CHANNEL, true));
+    pac::DMA1.ifcr().write(|w| {
+        w.set_tcif(TX_CHANNEL, true);
+        w.set_htif(TX_CHANNEL, true);
+        w.set_teif(TX_CHANNEL, true);
+    });
 }
 
 /// Makes [`Usart::is_transmitted`] refer to bytes sent from now on.
