@@ -111,11 +111,13 @@ pub(crate) fn next_stamp() -> u32 {
     DMA.ch(STAMPS).write_addr().read()
 }
 
-/// Stops channels, which have no more access to memory then (2.5.5.3). Their interrupts are disabled: an abort may
-/// raise one (RP2040-E13).
+/// Stops channels, which have no more access to memory then (2.5.5.3). Their interrupts are disabled, and each chains to
+/// itself, which is none: an abort may raise an interrupt and start the next channel (RP2040-E13).
 fn abort(channels: &[usize]) {
     for &channel in channels {
-        DMA.ch(channel).al1_ctrl().write_value(0);
+        let mut control = CtrlTrig(0);
+        control.set_chain_to(channel as u8);
+        DMA.ch(channel).al1_ctrl().write_value(control.0);
     }
     let bits = channels.iter().fold(0, |bits, channel| bits | 1 << channel);
     DMA.chan_abort().write(|w| w.set_chan_abort(bits));
@@ -267,6 +269,8 @@ impl Usart {
         channel.read_addr().write_value(bytes.as_ptr() as u32);
         channel.write_addr().write_value(UART1.uartdr().as_ptr() as u32);
         channel.trans_count().write_value(bytes.len() as u32);
+        // An abort may have raised it after its end (RP2040-E13).
+        clear_sent();
         DMA.inte(1).write_value(1 << SENT);
         // The bytes are written before the DMA reads them.
         fence(Ordering::Release);
