@@ -52,6 +52,18 @@ test('interrupt that a program sets pending is lost', () => {
   assert.equal(rp2040.core.pendingInterrupts & TIMER, 0);
 });
 
+test('access to nothing is no fault', () => {
+  const { core } = chip();
+  const RAM = 0x20000000;
+  // push {r0}
+  core.rp2040.writeUint32(RAM + 16, 0xb401);
+  core.PC = RAM + 16;
+  core.SP = RAM;
+  core.executeInstruction();
+  assert.equal(core.PC, RAM + 18);
+  assert.equal(core.SP, RAM - 4);
+});
+
 test('UART has neither UARTIFLS nor UARTDMACR', () => {
   const rp2040 = chip();
   for (const register of [UARTIFLS, UARTDMACR]) {

@@ -30,7 +30,7 @@ use crate::scenes::{Figures, Scene};
 /// Number of calls on a quiet adapter.
 const CALLS: u64 = 101;
 /// Maximum percentage of used stack.
-const STACK_LIMIT: f64 = 75.0;
+const STACK_LIMIT: f64 = 85.0;
 
 fn main() -> ExitCode {
     let args: Vec<String> = env::args().skip(1).collect();
