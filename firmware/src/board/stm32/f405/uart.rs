@@ -172,15 +172,16 @@ impl Usart {
         stream.par().write_value(UART.dr().as_ptr() as u32);
         stream.m0ar().write_value(bytes.as_ptr() as u32);
         stream.ndtr().write(|w| w.set_ndt(bytes.len() as u16));
-        // The bytes are written before the DMA reads them.
-        fence(Ordering::Release);
         stream.cr().write(|w| {
             w.set_chsel(TX_REQUEST);
             w.set_dir(Dir::MEMORY_TO_PERIPHERAL);
             w.set_minc(true);
             w.set_tcie(true);
-            w.set_en(true);
         });
+        // The bytes are written before the DMA reads them.
+        fence(Ordering::Release);
+        // Enabled last, in a store of its own (RM0090 10.3.17).
+        stream.cr().modify(|w| w.set_en(true));
     }
 
     /// Stops the transmit DMA. Returns when it has no more access to the bytes.
