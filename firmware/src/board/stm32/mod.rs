@@ -17,6 +17,7 @@ mod crystal;
 mod f405;
 #[cfg(feature = "board-stm32g431")]
 mod g431;
+mod hsi;
 mod led;
 mod mask;
 mod memcpy;

@@ -1,7 +1,9 @@
 //! The reset state of clocks and peripherals.
 
-use embassy_stm32::pac::rcc::{regs, vals};
+use embassy_stm32::pac::rcc::regs;
 use embassy_stm32::pac::{FLASH, RCC};
+
+use super::super::hsi::run_from_hsi;
 
 /// The interrupts of the chip (RM0090 table 61).
 pub(crate) const INTERRUPTS: usize = 82;
@@ -20,17 +22,7 @@ const CIR: u32 = 0x00BF_0000;
 
 /// Puts clocks and peripherals into their reset state. The order is that of the HAL of ST for this chip, `HAL_RCC_DeInit`.
 pub(crate) fn reset_clocks() {
-    RCC.cr().modify(|w| w.set_hsion(true));
-    while !RCC.cr().read().hsirdy() {}
-    RCC.cfgr().write_value(regs::Cfgr(0));
-    while RCC.cfgr().read().sws() != vals::Sw::HSI {}
-    RCC.cr().modify(|w| {
-        w.set_hseon(false);
-        w.set_csson(false);
-        w.set_pllon(false);
-    });
-    while RCC.cr().read().pllrdy() {}
-    RCC.pllcfgr().write_value(regs::Pllcfgr(PLLCFGR));
+    run_from_hsi(regs::Cfgr(0), regs::Pllcfgr(PLLCFGR));
     RCC.cir().write_value(regs::Cir(CIR));
 
     for on in [true, false] {

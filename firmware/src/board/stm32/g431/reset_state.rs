@@ -1,7 +1,9 @@
 //! The reset state of clocks and peripherals.
 
-use embassy_stm32::pac::rcc::{regs, vals};
+use embassy_stm32::pac::rcc::regs;
 use embassy_stm32::pac::{FLASH, RCC};
+
+use super::super::hsi::run_from_hsi;
 
 /// The interrupts of the chip (RM0440 table 97).
 pub(crate) const INTERRUPTS: usize = 102;
@@ -25,17 +27,7 @@ const CICR: u32 = 0x73B;
 
 /// Puts clocks and peripherals into their reset state. The order is that of the HAL of ST for this chip, `HAL_RCC_DeInit`.
 pub(crate) fn reset_clocks() {
-    RCC.cr().modify(|w| w.set_hsion(true));
-    while !RCC.cr().read().hsirdy() {}
-    RCC.cfgr().write_value(regs::Cfgr(CFGR));
-    while RCC.cfgr().read().sws() != vals::Sw::HSI {}
-    RCC.cr().modify(|w| {
-        w.set_hseon(false);
-        w.set_csson(false);
-        w.set_pllon(false);
-    });
-    while RCC.cr().read().pllrdy() {}
-    RCC.pllcfgr().write_value(regs::Pllcfgr(PLLCFGR));
+    run_from_hsi(regs::Cfgr(CFGR), regs::Pllcfgr(PLLCFGR));
     RCC.ccipr().write_value(regs::Ccipr(0));
     RCC.cier().write_value(regs::Cier(0));
     RCC.cicr().write_value(regs::Cicr(CICR));
