@@ -22,8 +22,9 @@ type Sectors = BlockingAsync<Bank1Region1<'static, Blocking>>;
 /// Unlock keys of FLASH_CR (RM0090 3.6.1).
 const KEYS: [u32; 2] = [0x4567_0123, 0xCDEF_89AB];
 
-/// PLS of PWR_CR: the supply counts as low below 2.87 V to 2.99 V, and as good above 2.97 V to 3.09 V (DS8626, 5.3.2).
-const SUPPLY_LEVEL: u8 = 0b110;
+/// PLS of PWR_CR: the supply typically counts as low below 2.84 V, and as good above 2.93 V (DS8626, 5.3.2). Words need 2.7 V
+/// (RM0090 3.6.2), and some boards run at 3.0 V.
+const SUPPLY_LEVEL: u8 = 0b101;
 
 /// The first four sectors, read past the data cache.
 pub(crate) struct ConfigFlash(Sectors);
