@@ -18,6 +18,12 @@ impl Spread {
         self.spans.insert(place, span);
     }
 
+    /// Adds other measurements.
+    pub fn join(&mut self, other: Self) {
+        self.spans.extend(other.spans);
+        self.spans.sort_unstable();
+    }
+
     /// Number of measurements.
     pub fn count(&self) -> usize {
         self.spans.len()

@@ -22,7 +22,8 @@ pub(crate) struct Board {
 /// Maximum figures of a board, about 10 % above the longest measurement.
 #[derive(Clone, Copy)]
 pub(crate) struct Limits {
-    /// The worst latency of each of the [`WAYS`](crate::latency::WAYS), in microseconds.
+    /// The latency of each of the [`WAYS`](crate::latency::WAYS) that 99.9 % of the measurements do not exceed, in
+    /// microseconds.
     pub(crate) latency: [f64; 4],
     /// The percentage of stamps that are wrong by more than a microsecond.
     pub(crate) wrong_stamps: f64,

@@ -8,7 +8,7 @@ use armwire_host_tests::page::filled;
 use serde_json::Value;
 
 use crate::counts::{CASES, PROTOCOLS, Protocol};
-use crate::latency::{Latency, WAYS};
+use crate::latency::WAYS;
 use crate::scenes::{Figures, Scene};
 use crate::{Measured, Result};
 
@@ -46,8 +46,12 @@ pub(crate) fn tables(boards: &[Measured], protocols: &[Protocol]) -> Tables {
         })
     };
     let stamps = row("stamps off by more than 1 µs / known to be late / worst", &|measured| {
-        let Latency { stamps, known_late, .. } = &measured.latency;
-        let (wrong, worst) = (measured.latency.wrong_stamps(), stamps.iter().max());
+        let latency = &measured.latency;
+        let (wrong, known_late, worst) = (
+            latency.wrong_stamps(),
+            latency.known_late(),
+            latency.stamps.iter().max(),
+        );
         format!(
             "{wrong:.2} % / {known_late:.2} % / {} µs",
             worst.copied().unwrap_or_default()
