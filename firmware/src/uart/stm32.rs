@@ -57,7 +57,7 @@ pub(super) fn start(dma: &mut Dma, coding: LineCoding) -> Transfer<'_> {
     });
     usart::start_receiving();
     // The byte that the UART holds counts as one before the start.
-    cortex_m::asm::delay(COUNT_CYCLES);
+    wait_for_count();
     transfer
 }
 
@@ -170,6 +170,12 @@ const FETCH_TRIES: usize = 16;
 /// Cycles within which the DMA has written and counted a fetched byte.
 const COUNT_CYCLES: u32 = 24;
 
+/// Waits for [`COUNT_CYCLES`]. A turn of the loop in `delay` counts as two cycles there, and takes three at least on a
+/// Cortex-M4: a branch fills the pipeline again (ARM DDI 0439, 3.3.1).
+fn wait_for_count() {
+    cortex_m::asm::delay(COUNT_CYCLES * 2 / 3);
+}
+
 /// Waits briefly until the DMA has fetched and counted the UART's byte. Returns true if it has.
 // Inline: it is executed for each byte.
 #[inline(always)]
@@ -178,7 +184,7 @@ fn wait_for_dma() -> bool {
     if is_fetched {
         STATE.usart.keep_parity_error();
     }
-    cortex_m::asm::delay(COUNT_CYCLES);
+    wait_for_count();
     is_fetched
 }
 
