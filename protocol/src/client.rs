@@ -538,6 +538,7 @@ pub struct Client<M: Messages, const N: usize> {
 impl<M: Messages, const N: usize> Client<M, N> {
     /// An idle client.
     pub const fn new(messages: M, config: Config) -> Self {
+        const { assert!(Fences::places::<M>() < SENDS, "too many fences") };
         Self {
             messages,
             config,

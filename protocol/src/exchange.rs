@@ -244,7 +244,7 @@ impl<D: Correlation, I: Copy + Eq, const N: usize> Exchange<D, I, N> {
     }
 
     /// The number of unresolved sends of this key by this initiator.
-    pub fn open_of(&self, key: D::Key, who: I) -> usize {
+    pub(crate) fn open_of(&self, key: D::Key, who: I) -> usize {
         self.sends.iter().filter(|sent| sent.is_of(key, who)).count()
     }
 
