@@ -265,7 +265,7 @@ impl<P: Subject, const N: usize> World<P, N> {
     fn end(mut self) {
         let end = self.now + self.model.longest();
         // Waits for noise end as well.
-        while self.now <= end && (self.model.pending.is_some() || self.client.poll(self.now) != Output::Timeout(None)) {
+        while self.now <= end && self.client.poll(self.now) != Output::Timeout(None) {
             while self.model.void > 0 && !P::LOSSLESS {
                 self.transmit(N);
             }
