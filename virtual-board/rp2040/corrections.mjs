@@ -27,16 +27,19 @@ function quieten(rp2040) {
 function faultBelowMemory({ core, logger }, lockUp) {
   const HARD_FAULT = 3;
   let isPending = false;
+  let isEntering = false;
   logger.warn = (_, message) => {
     if (!/ invalid memory address: 1fff|undefined address: 1fff/.test(message)) return;
-    if (isPending || core.IPSR === HARD_FAULT) lockUp();
+    if (isEntering || core.IPSR === HARD_FAULT) lockUp();
     isPending = true;
     core.interruptsUpdated = true;
   };
   const { checkForInterrupts } = core;
   core.checkForInterrupts = () => {
     if (!isPending) return checkForInterrupts.call(core);
+    isEntering = true;
     core.exceptionEntry(HARD_FAULT);
+    isEntering = false;
     isPending = false;
     return true;
   };
