@@ -26,7 +26,7 @@ use crate::mcu::Setup;
 use crate::mcu::stm32f405::{ArmUart, IDENTITY, Reenabled};
 use crate::mcu::stm32g431::EccRegister;
 use crate::report::{Report, Violation};
-use crate::rp2040::Rp2040Revision;
+use crate::revision::Rp2040Revision;
 use crate::shared::{Shared, lock};
 use crate::soc::gdb::Debugger;
 use crate::soc::machine::Edges;

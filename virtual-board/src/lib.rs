@@ -42,6 +42,7 @@ pub mod latency;
 pub mod line;
 mod mcu;
 pub mod report;
+mod revision;
 mod rp2040;
 #[cfg(unix)]
 pub mod serve;
@@ -59,6 +60,6 @@ pub use error::Error;
 pub use line::Arm;
 pub use mcu::stm32f405::{ArmUart, Reenabled};
 pub use mcu::stm32g431::EccRegister;
-pub use rp2040::Rp2040Revision;
+pub use revision::Rp2040Revision;
 pub use time::Nanos;
 pub use timing::Timing;

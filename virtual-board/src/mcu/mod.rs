@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use self::stm32f405::{ArmUart, Reenabled};
 use self::stm32g431::EccRegister;
 use crate::report::Crash;
-use crate::rp2040::Rp2040Revision;
+use crate::revision::Rp2040Revision;
 use crate::soc::gdb::Debugger;
 use crate::soc::machine::Edges;
 

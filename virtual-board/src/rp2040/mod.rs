@@ -38,26 +38,6 @@ const ID: usize = 8;
 const POWER: u8 = 0;
 const TIMEOUT: u8 = 1;
 
-/// The revision of the chip.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Rp2040Revision {
-    /// B0 and B1. The USB controller answers each token with NAK once an endpoint was held by EP_ABORT (RP2040-E2).
-    B1,
-    /// B2, of 2021 and later.
-    #[default]
-    B2,
-}
-
-impl Rp2040Revision {
-    /// Its number in CHIP_ID (2.20.2).
-    const fn number(self) -> u8 {
-        match self {
-            Self::B1 => 1,
-            Self::B2 => 2,
-        }
-    }
-}
-
 /// The chip.
 #[derive(Debug)]
 pub(crate) struct Rp2040 {
