@@ -73,9 +73,13 @@ impl Elf {
         self.symbols.get("_flash_end")?.checked_sub(self.flash_end)
     }
 
-    /// The ends of an image's stack. Its memory file defines the symbols.
+    /// The ends of an image's stack.
+    ///
+    /// # Panics
+    ///
+    /// If the image has no symbols for them, which its memory file defines.
     pub(crate) fn stack(&self) -> [u32; 2] {
-        ["_stack_end", "_stack_start"].map(|name| self.symbols.get(name).copied().unwrap_or(RAM))
+        ["_stack_end", "_stack_start"].map(|name| self.symbols[name])
     }
 }
 
