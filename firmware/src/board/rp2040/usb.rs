@@ -99,26 +99,27 @@ pub(crate) fn cancel_unfetched_packets() {
 
 /// Withdraws the packet in an IN endpoint. Returns true if it was still unfetched.
 pub(crate) fn cancel_unfetched_packet(endpoint: usize) -> bool {
-    held(EndpointAddress::from_parts(endpoint, Direction::In), |buffer| {
-        let mut control = buffer.read();
-        let is_unfetched = control.available(0);
-        if is_unfetched {
-            // The next packet has the toggle of this one: the HAL changes it before each.
-            control.set_pid(0, !control.pid(0));
-            control.set_available(0, false);
-            buffer.write_value(control);
-        }
-        is_unfetched
-    })
+    held(
+        EndpointAddress::from_parts(endpoint, Direction::In),
+        |buffer, is_unfetched| {
+            if is_unfetched {
+                let mut control = buffer.read();
+                // The next packet has the toggle of this one: the HAL changes it before each.
+                control.set_pid(0, !control.pid(0));
+                control.set_available(0, false);
+                buffer.write_value(control);
+            }
+            is_unfetched
+        },
+    )
 }
 
 /// Resets an endpoint's data toggle to DATA0 (USB 2.0, 9.1.1.5, 9.4.5, 9.4.10), and halts it or ends its halt. A packet
 /// that waits there stays.
 fn restart(bus: &mut HalBus, endpoint: EndpointAddress, halted: bool) {
-    held(endpoint, |buffer| {
+    held(endpoint, |buffer, is_armed| {
         bus.endpoint_set_stalled(endpoint, halted);
         let mut control = buffer.read();
-        let is_armed = control.available(0);
         // The HAL changes the toggle before it arms the endpoint.
         control.set_pid(0, !is_armed);
         control.set_available(0, false);
@@ -139,17 +140,18 @@ fn buffer(endpoint: EndpointAddress) -> Reg<EpBufferControl, RW> {
     }
 }
 
-/// Calls `change` with the control of an endpoint's buffer. The endpoint answers with NAK meanwhile (4.1.2.9, EP_ABORT).
+/// Calls `change` with the control of an endpoint's buffer, and with true if a packet waits there. The endpoint answers with
+/// NAK meanwhile (4.1.2.9, EP_ABORT).
 ///
 /// Before revision B2 all endpoints would answer with NAK from then on (RP2040-E2): there a packet on the wire is waited for
 /// without it.
-fn held<R>(endpoint: EndpointAddress, change: impl FnOnce(Reg<EpBufferControl, RW>) -> R) -> R {
-    let index = endpoint.index();
+fn held<R>(endpoint: EndpointAddress, change: impl FnOnce(Reg<EpBufferControl, RW>, bool) -> R) -> R {
+    let (buffer, index) = (buffer(endpoint), endpoint.index());
     // The service and the tasks arm endpoints.
     critical_section::with(|_| {
         if SYSINFO.chip_id().read().revision() < REVISION_B2 {
-            wait_for_packet(endpoint);
-            return change(buffer(endpoint));
+            let is_waiting = take_back(endpoint);
+            return change(buffer, is_waiting);
         }
         match endpoint.direction() {
             Direction::In => {
@@ -161,20 +163,19 @@ fn held<R>(endpoint: EndpointAddress, change: impl FnOnce(Reg<EpBufferControl, R
                 soon(|| USB.ep_abort_done().read().ep_out(index));
             }
         }
-        let result = change(buffer(endpoint));
+        let result = change(buffer, buffer.read().available(0));
         USB.ep_abort().write(|_| {});
         USB.ep_abort_done().write(|w| w.0 = u32::MAX);
         result
     })
 }
 
-/// Waits for the end of the packet of an endpoint, if it is on the wire. A packet that waits is not available to the controller
-/// meanwhile.
-fn wait_for_packet(endpoint: EndpointAddress) {
+/// Takes the packet of an endpoint from the controller, and waits for its end if it is on the wire. Returns true if it waits.
+fn take_back(endpoint: EndpointAddress) -> bool {
     let (buffer, index) = (buffer(endpoint), endpoint.index());
     let mut control = buffer.read();
     if !control.available(0) {
-        return;
+        return false;
     }
     control.set_available(0, false);
     buffer.write_value(control);
@@ -185,10 +186,7 @@ fn wait_for_packet(endpoint: EndpointAddress) {
             Direction::Out => status.ep_out(index),
         }
     });
-    if !has_ended {
-        control.set_available(0, true);
-        buffer.write_value(control);
-    }
+    !has_ended
 }
 
 /// Returns true if an endpoint is in use.
