@@ -87,7 +87,7 @@ impl Board {
         }
     }
 
-    /// The size of the stack, in bytes. It grows down to the start of the RAM.
+    /// The size of the stack, in bytes. It grows down to the start of the RAM. An image with another one is of another board.
     pub(crate) const fn stack(self) -> u32 {
         match self.0.chip {
             Chip::Stm32f405 => 24 * 1024,
