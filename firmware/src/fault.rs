@@ -5,6 +5,9 @@ use core::arch::naked_asm;
 
 use crate::{board, restart};
 
+/// A core of the RP2040 does not get here if its stack is full, but stops until the watchdog resets the chip (ARMv6-M,
+/// B1.5.15): that counts as a reset by the watchdog.
+///
 /// Takes a new stack, whatever was on the old one: that may be full, and a fault in this handler stops the core. It is
 /// neither the runtime's trampoline nor Rust, which both begin with a push.
 #[unsafe(naked)]

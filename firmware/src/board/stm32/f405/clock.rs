@@ -8,7 +8,7 @@ use embassy_stm32::rcc::{
 use embassy_stm32::time::Hertz;
 
 use super::super::crystal::Crystal;
-use super::super::sleep::without_debug_in_sleep;
+use super::super::sleep::hal_config;
 
 /// The configuration of the chip with this crystal.
 pub(super) fn config(crystal: Crystal) -> Config {
@@ -19,7 +19,7 @@ pub(super) fn config(crystal: Crystal) -> Config {
         Crystal::Mhz16 => (PllPreDiv::DIV8, PllMul::MUL168),
         Crystal::Mhz25 => (PllPreDiv::DIV25, PllMul::MUL336),
     };
-    let mut config = without_debug_in_sleep();
+    let mut config = hal_config();
     let rcc = &mut config.rcc;
     rcc.hse = Some(Hse {
         freq: Hertz::mhz(crystal.megahertz()),

@@ -8,7 +8,7 @@ use embassy_stm32::peripherals::{DMA1_CH1, USB};
 use embassy_stm32::usart::{Config as UartConfig, UartRx};
 use embassy_stm32::{bind_interrupts, usb as hal_usb};
 
-use super::super::sleep::without_debug_in_sleep;
+use super::super::sleep::hal_config;
 use super::super::{Board, Can, Led, Watchdog, time, usart};
 use super::{Controller, can, clock, enable_port, flash, usb};
 use crate::board::{TimerHandler, UsbDriver};
@@ -38,7 +38,7 @@ pub(crate) fn init(watchdog: &mut Watchdog) -> Board {
     enable_port(Port::A);
     usart::hold_tx_high();
     let mut led = Led::new();
-    let mut p = embassy_stm32::init(without_debug_in_sleep());
+    let mut p = embassy_stm32::init(hal_config());
     let crystal = clock::start(&mut p.RCC, watchdog, &mut led);
     for interrupt in LESS_URGENT {
         interrupt.set_priority(DRIVERS);
