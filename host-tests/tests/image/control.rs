@@ -250,3 +250,25 @@ fn boot_loader_starts_on_request_until_power_cycle() {
     assert!(!board.is_in_boot_loader());
     expect_restarts(board, &[Cause::Software, Cause::Power]);
 }
+
+#[test]
+fn updates_in_a_row_are_no_crashes() {
+    let mut board = board(ling());
+    let board = &mut board;
+    for _ in 0..4 {
+        let mut control = Control::open(board);
+        control.order(board, control::Request::RestartIntoBootLoader);
+        board
+            .run_until(Nanos::from_millis(200), |board| board.is_in_boot_loader())
+            .unwrap();
+        board.restart_after_flashing();
+        open(board, MEGABAUD);
+    }
+    let reply = Control::open(board).call(board, control::Request::GetRecovery);
+    assert_eq!(reply, Reply::Recovery { active: false });
+    let counters = counters(board);
+    assert_eq!(
+        (counters.watchdog_resets, counters.hard_faults, counters.panics),
+        (0, 0, 0)
+    );
+}
