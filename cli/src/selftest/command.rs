@@ -1,5 +1,7 @@
 //! `armwire selftest PORT` on the command line.
 
+use std::io::Write;
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use armwire_host::control::usb_serial_number;
@@ -8,10 +10,12 @@ use clap::Args;
 use serde_json::{Value, json};
 
 use super::linux::LinuxUsb;
-use super::{Check, Plan, names, run};
+use super::{Check, Plan, counters, names, report, run};
 use crate::confirm::Confirm;
 use crate::error::Error;
+use crate::new_file;
 use crate::output::{print_json, print_line};
+use crate::printable::escaped_json;
 
 /// The warning that the user confirms before anything is sent.
 const DANGER: &str = "Disconnect the arm, and join TX and RX with a jumper. The self-test restarts the adapter and writes \
@@ -30,6 +34,10 @@ pub(crate) struct Selftest {
     /// Print one JSON object at the end.
     #[arg(long)]
     json: bool,
+    /// Write a report to this file: versions, each check with its figures, and the adapter's counters. It has no serial
+    /// number.
+    #[arg(long, value_name = "FILE")]
+    report: Option<PathBuf>,
 }
 
 impl Selftest {
@@ -38,6 +46,9 @@ impl Selftest {
             only: self.only.clone(),
             ..Plan::default()
         };
+        if let Some(path) = &self.report {
+            new_file::check(path)?;
+        }
         let (checks, mut printed) = self.check(&plan, stop)?;
         let failed = checks.iter().filter(|check| check.has_failed()).count();
         let (result, error) = match failed {
@@ -75,6 +86,11 @@ impl Selftest {
                 printed = print_line(check.line());
             }
         });
+        if let Some(path) = &self.report {
+            let report = report(&checks, counters(&mut adapter).as_ref());
+            let written = writeln!(new_file::create(path)?, "{}", escaped_json(&format!("{report:#}")));
+            written.map_err(|error| Error::at(&path.display().to_string(), error))?;
+        }
         Ok((checks, printed))
     }
 }

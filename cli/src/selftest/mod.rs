@@ -37,6 +37,7 @@ mod saves;
 mod stamps;
 mod usb;
 
+use armwire_bridge::Counters;
 use armwire_bridge::control::Request;
 use serde_json::json;
 
@@ -44,7 +45,7 @@ use self::bench::{Bench, identify};
 pub use self::plan::Plan;
 use self::plan::planned;
 use self::report::Checked;
-pub use self::report::{Check, Passed, Trouble};
+pub use self::report::{Check, Passed, Trouble, report};
 pub use self::usb::{Direction, Payload, Pipe, Request as UsbRequest, Usb, UsbError};
 use crate::adapter::describe;
 
@@ -114,6 +115,11 @@ pub fn run(usb: &mut dyn Usb, plan: &Plan, stopped: &dyn Fn() -> bool, report: &
         keep("configuration", Err(trouble));
     }
     checks
+}
+
+/// The adapter's counters, if it answers.
+pub fn counters(usb: &mut dyn Usb) -> Option<Counters> {
+    Bench::new(usb, &|| false).counters().ok()
 }
 
 /// Reads the adapter's identity.

@@ -2,6 +2,7 @@
 
 use std::fmt::Display;
 
+use armwire_bridge::Counters;
 use serde_json::{Map, Value, json};
 
 use super::usb::UsbError;
@@ -102,6 +103,25 @@ impl Check {
     }
 }
 
+/// A run for its reader elsewhere: versions, the system, each check with its figures, and the adapter's counters. It names
+/// neither the port nor a serial number.
+pub fn report(checks: &[Check], counters: Option<&Counters>) -> Value {
+    let checks = checks.iter().map(Check::json).map(|mut check| {
+        if let Some(object) = check.as_object_mut()
+            && object.remove("serial").is_some()
+        {
+            object.remove("text");
+        }
+        check
+    });
+    json!({
+        "armwire": env!("CARGO_PKG_VERSION"),
+        "system": format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
+        "checks": checks.collect::<Vec<_>>(),
+        "counters": counters,
+    })
+}
+
 /// The result of a check.
 pub(super) type Checked = Result<Passed, Trouble>;
 
@@ -126,6 +146,18 @@ mod tests {
         let check = check(Err(UsbError::TimedOut.into()));
         assert!(check.has_failed());
         assert_eq!(check.json()["result"], "failed");
+    }
+
+    #[test]
+    fn report_has_no_serial_number() {
+        let figures = [("board", json!("pico")), ("serial", json!("E66"))];
+        let passed = Passed::new("pico, serial number E66".to_owned(), figures);
+        let report = report(&[check(Ok(passed))], None);
+        assert_eq!(
+            report["checks"],
+            json!([{ "check": "echo", "result": "passed", "board": "pico" }])
+        );
+        assert!(!report.to_string().contains("E66"));
     }
 
     #[test]

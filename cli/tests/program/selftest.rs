@@ -17,6 +17,15 @@ fn port_without_an_adapter_is_refused() {
 }
 
 #[test]
+fn report_replaces_no_file() {
+    let reported_to = |path| failure(&run(&["selftest", "/dev/nothing", "--yes", "--report", path]));
+    let line = reported_to("/no/such/folder/report");
+    assert!(line.starts_with("/no/such/folder/report: its folder: "), "{line}");
+    let line = reported_to(concat!(env!("CARGO_MANIFEST_DIR"), "/Cargo.toml"));
+    assert!(line.ends_with("the file exists: delete it, or name another"), "{line}");
+}
+
+#[test]
 fn error_of_unknown_check_lists_known_ones() {
     let output = run(&["selftest", "/dev/nothing", "--only", "echo,gap"]);
     let text = String::from_utf8(output.stderr).unwrap();

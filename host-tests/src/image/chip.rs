@@ -14,8 +14,7 @@ pub struct Facts {
     pub can_fd: bool,
     /// Core cycles per second.
     pub core_hz: u64,
-    /// Maximum time that the firmware adds to a call or an answer, in nanoseconds. The goal is a tenth of the answer's
-    /// time on the line, 21 µs, which the STM32G431 misses.
+    /// Maximum time that the firmware adds to a call or an answer, in nanoseconds.
     pub latency: u64,
     /// Offsets of the configuration in the flash, in bytes: two sectors or pages.
     pub config_flash: Range<usize>,

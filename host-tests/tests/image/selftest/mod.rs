@@ -10,9 +10,9 @@ use armwire::ling::{READ_INFO, TORQUE_OFF};
 use armwire_bridge::Counters;
 use armwire_bridge::config::{Config as AdapterConfig, HostTimeout, Poll};
 use armwire_bridge::control::{Reply, Request};
-use armwire_cli::selftest::{Check, Plan, Trouble, UsbError, run};
+use armwire_cli::selftest::{Check, Plan, Trouble, UsbError, counters, report, run};
 use armwire_host_tests::image::requests::motion;
-use armwire_host_tests::image::{Control, board_config, facts, path};
+use armwire_host_tests::image::{Control, board_config, chip, facts, path};
 use armwire_sim::alpha1::{Alpha1Robot, RobotConfig};
 use armwire_sim::ling::legacy::{self, LegacyArm};
 use armwire_sim::ling::{self, LingArm};
@@ -99,6 +99,10 @@ fn passes(exact_cycles: bool, timing: Timing) {
     let not_ok: Vec<_> = checks.iter().filter(|check| check.result.is_err()).collect();
     assert!(not_ok.is_empty(), "{not_ok:?}");
     assert_eq!(checks.len(), 13);
+    let report = report(&checks, counters(&mut BoardUsb::new(&mut board)).as_ref());
+    assert!(report["checks"][0]["firmware"].is_string(), "{report}");
+    assert!(report["counters"]["config_saves"].as_u64() > Some(0), "{report}");
+    assert!(!report.to_string().contains(facts(chip()).serial));
     board.report().check().unwrap();
 }
 
