@@ -883,6 +883,7 @@ impl<M: Messages, const N: usize> Client<M, N> {
                     .map_or(Instant::ZERO, |newest| newest + Duration::from_micros(1));
                 self.newest = Some(time_of_state(sent, self.last_rx).max(least));
                 self.time_of_state = self.newest;
+                out.fences.heard();
             }
             Match::Late { who: Who::Fence, .. } => {
                 out.fences.answered(&out.exchange, now, self.config.stale_window);

@@ -19,6 +19,8 @@ const PAUSE: Duration = Duration::from_millis(3);
 const LOSSY: u64 = 40;
 /// The number of lost fences that shows that an arm answers none.
 const MAX_LOST: u16 = 6;
+/// The number of fences in a row that shows that an arm answers them no longer, while it answers calls.
+const MAX_IGNORED: u16 = 16;
 
 /// The initiator of a send of a client.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -65,6 +67,10 @@ pub(crate) struct Fences {
     is_answered: bool,
     /// The number of fences that were lost before one was answered.
     lost: u16,
+    /// A call was answered since the last fence.
+    is_heard: bool,
+    /// The number of fences since the last one that was answered, each behind an answer to a call.
+    ignored: u16,
     is_off: bool,
 }
 
@@ -86,6 +92,8 @@ impl Fences {
             pause: PAUSE,
             is_answered: false,
             lost: 0,
+            is_heard: false,
+            ignored: 0,
             is_off: false,
         }
     }
@@ -165,6 +173,9 @@ impl Fences {
         let pause = self.pause.max(latency).min(longest).max(PAUSE);
         self.writing = None;
         (self.sent, self.due, self.pause) = (now, now + pause, pause + pause);
+        self.ignored = self.ignored.saturating_add(u16::from(self.is_heard));
+        self.is_off |= self.ignored >= MAX_IGNORED;
+        self.is_heard = false;
         Some(complete)
     }
 
@@ -176,6 +187,7 @@ impl Fences {
         window: Duration,
     ) {
         self.is_answered = true;
+        self.ignored = 0;
         // The same one again, if no other is better: its answer tells of those that went out before its last one.
         self.index = self.last;
         self.pause = PAUSE.max(now.since(self.sent));
@@ -190,6 +202,11 @@ impl Fences {
         self.line = Line::Back;
         let back = *self.back.get_or_insert(now);
         self.is_off |= now.since(back).as_micros() > LOSSY.saturating_mul(window.as_micros());
+    }
+
+    /// A call was answered.
+    pub(crate) const fn heard(&mut self) {
+        self.is_heard = true;
     }
 
     /// The answer to a later request shows that this number of fences is lost.

@@ -533,6 +533,21 @@ fn arm_without_fences_is_recognised_and_read() {
 }
 
 #[test]
+fn arm_that_answers_fences_no_longer_is_recognised_and_read() {
+    let mut world = World::new(Config::DEFAULT, &NONE, 7);
+    world.read_at(200, 100);
+    // Another arm, at the same adapter.
+    (world.faults.has_fences, world.faults.lost) = (false, 1);
+    world.read_at(200, 4_000);
+    assert!(!world.client.has_fences());
+    world.faults.lost = 0;
+    for _ in 0..20 {
+        world.call();
+    }
+    assert!(world.call().is_some());
+}
+
+#[test]
 fn line_of_any_delay_is_not_flooded() {
     for millis in [100, 350, 750, 1_500] {
         let faults = Faults {
