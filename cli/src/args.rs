@@ -86,8 +86,12 @@ impl ArmPort {
 pub(crate) struct Baud {
     /// Baud rate of the serial port. Default: 1000000 for ling, 115200 for alpha1. A ling arm of the older generation may
     /// need 921600.
-    #[arg(long)]
+    #[arg(long, value_parser = baud_rate)]
     pub(crate) baud: Option<NonZeroU32>,
+}
+
+fn baud_rate(text: &str) -> Result<NonZeroU32, &'static str> {
+    text.parse().map_err(|_| "a baud rate is a number from 1 to 4294967295")
 }
 
 /// The arms on a port.
