@@ -38,6 +38,7 @@ mod teleop;
 mod update;
 
 use std::ffi::OsString;
+use std::io::{Write, stdout};
 #[cfg(feature = "shell")]
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -138,14 +139,16 @@ pub fn main() -> ExitCode {
 }
 
 /// Runs a command line, which begins with the program's name. Prints errors, and returns the exit status: 0 without any.
-/// Exits if the arguments are invalid or ask for help.
 pub fn run_from(args: &[OsString]) -> u8 {
     let parsed = command()
         .try_get_matches_from(args)
         .and_then(|matches| Cli::from_arg_matches(&matches));
-    let cli = parsed.unwrap_or_else(|error| with_names(error, args).exit());
-    match run(&cli.command) {
-        Ok(()) => 0,
+    let result = match parsed {
+        Ok(cli) => run(&cli.command).map(|()| 0),
+        Err(error) => answer(&with_names(error, args)),
+    };
+    match result {
+        Ok(status) => status,
         // The reader of the output is gone, as with `| head`: this is no error.
         Err(Error::Output(error)) if error.kind() == std::io::ErrorKind::BrokenPipe => 0,
         Err(error) => {
@@ -172,6 +175,15 @@ fn with_negative_numbers(command: clap::Command) -> clap::Command {
     command
         .allow_negative_numbers(true)
         .mut_subcommands(with_negative_numbers)
+}
+
+/// Prints the help or the version that the arguments ask for, or what is wrong with them. Returns the exit status.
+fn answer(error: &clap::Error) -> Result<u8, Error> {
+    let printed = error.print().and_then(|()| stdout().flush());
+    match error.use_stderr() {
+        true => Ok(error.exit_code() as u8),
+        false => printed.map(|()| 0).map_err(Error::Output),
+    }
 }
 
 /// The error with the names there are, where a request or the like was expected: behind a port clap takes a wrong one

@@ -1,7 +1,10 @@
 //! Help.
 
-use crate::common::success;
+use std::fs::File;
+use std::process::Command;
+
 use crate::common::terminal::Terminal;
+use crate::common::{PROGRAM, failure, success, usage};
 
 /// Adds a command and its subcommands: their words and help.
 fn screens(command: &[String], screens: &mut Vec<(Vec<String>, String)>) {
@@ -35,6 +38,24 @@ fn help_is_80_columns_wide_without_a_terminal() {
         let mut lines = long.lines().chain(short.lines());
         let wide = lines.find(|line| line.chars().count() > 80);
         assert_eq!(wide, None, "{command:?}");
+    }
+}
+
+#[test]
+fn help_that_goes_nowhere_is_an_error() {
+    for args in [&["--help"][..], &["info", "--help"], &["--version"]] {
+        let full = File::options().write(true).open("/dev/full").unwrap();
+        let output = Command::new(PROGRAM).args(args).stdout(full).output().unwrap();
+        let line = failure(&output);
+        assert!(line.starts_with("cannot write the output: "), "{line}");
+    }
+}
+
+#[test]
+fn wrong_baud_rate_is_refused_in_words() {
+    for rate in ["0", "fast", "4294967296"] {
+        let text = usage(&["info", "/dev/nothing", "--baud", rate]);
+        assert!(text.contains("a baud rate is a number from 1 to 4294967295"), "{text}");
     }
 }
 
