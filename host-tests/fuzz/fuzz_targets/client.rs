@@ -265,7 +265,11 @@ impl<P: Subject, const N: usize> World<P, N> {
     fn end(mut self) {
         let end = self.now + self.model.longest();
         // Waits for noise end as well.
-        while self.now <= end && self.client.poll(self.now) != Output::Timeout(None) {
+        loop {
+            self.take_events();
+            if self.now > end || self.client.poll(self.now) == Output::Timeout(None) {
+                break;
+            }
             while self.model.void > 0 && !P::LOSSLESS {
                 self.transmit(N);
             }
