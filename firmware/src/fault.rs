@@ -5,18 +5,18 @@ use core::arch::naked_asm;
 
 use crate::{board, restart};
 
-/// A core of the RP2040 does not get here if its stack is full, but stops until the watchdog resets the chip (ARMv6-M,
-/// B1.5.15): that counts as a reset by the watchdog.
-///
 /// Takes a new stack, whatever was on the old one: that may be full, and a fault in this handler stops the core. It is
 /// neither the runtime's trampoline nor Rust, which both begin with a push.
+///
+/// The core of an RP2040 stops before it gets here if its stack is full (ARMv6-M, B1.5.15). The watchdog then resets the
+/// chip, and the start counts as its reset.
 #[unsafe(naked)]
 #[unsafe(no_mangle)]
 unsafe extern "C" fn HardFault() -> ! {
     naked_asm!("ldr r0, =_stack_start", "mov sp, r0", "bl {}", sym restart_after_fault)
 }
 
-/// Without a log: the next start logs the count.
+/// Logs nothing: the next start logs the count.
 extern "C" fn restart_after_fault() -> ! {
     restart::faulted();
     board::reset()

@@ -282,7 +282,7 @@ const FENCED: [Request; 4] = [
     Request::ReadVelocities,
 ];
 
-/// What becomes of an answer.
+/// The fate of an answer.
 #[derive(Clone, Copy, Debug)]
 enum Fate {
     Answered,
