@@ -140,6 +140,14 @@ pub(crate) struct Arrival {
     pub(crate) noise: bool,
 }
 
+impl Arrival {
+    /// Another byte arrives, without a stop bit.
+    pub(crate) fn garble(&mut self) {
+        self.value = !self.value;
+        self.framing = true;
+    }
+}
+
 /// A byte in flight to the board.
 #[derive(Clone, Copy, Debug)]
 struct Flight {
@@ -449,6 +457,18 @@ impl<A: SerialDevice + ?Sized> Line<A> {
             while self.free < ends && self.lose(self.free) {}
         }
         Some(arrival)
+    }
+
+    /// The board's receiver was switched off during the byte in flight, which has arrived.
+    pub(crate) fn last_arrived(&mut self, now: Nanos) {
+        self.land(now);
+    }
+
+    /// The board garbles the byte in flight.
+    pub(crate) fn board_garbles(&mut self) {
+        if let Some(flight) = &mut self.flight {
+            flight.outcome = Outcome::Garbled;
+        }
     }
 
     /// The board's receiver is off: the arm's bytes are lost.

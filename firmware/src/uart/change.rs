@@ -46,7 +46,7 @@ async fn configure(uart: &mut Uart, was: UartConfig, wanted: UartConfig) {
     Timer::after_micros(was.coding.micros(2)).await;
     // The UART is disabled meanwhile.
     usart::hold_tx_high();
-    chip::configure(uart, wanted.coding);
+    chip::configure(uart, was.coding, wanted.coding).await;
     STATE.usart.set_half_duplex(wanted.half_duplex);
     usart::release_tx();
 }

@@ -15,6 +15,7 @@ use core::marker::PhantomData;
 use core::sync::atomic::{AtomicU32, Ordering};
 
 use armwire_bridge::{Duration, LineCoding, RxRing};
+use embassy_time::Timer;
 
 use super::state::{BYTES, SIZE, STATE, byte_at, wake};
 use crate::board::hal::interrupt::typelevel::Handler;
@@ -82,9 +83,14 @@ pub(super) fn stop(_: Transfer<'_>) {
     usart::stop_receiving();
 }
 
-/// Applies a line coding, which the bridge has checked.
-pub(super) fn configure(_: &mut Uart, coding: LineCoding) {
-    STATE.usart.configure(coding);
+/// Applies a line coding, which the bridge has checked. `was` is the one before.
+///
+/// A byte whose line coding changes while it arrives would be garbled. The wait is that of pico-sdk, 15 bits
+/// (`hardware_uart/uart.c`, `uart_disable_before_lcr_write`). A byte that begins meanwhile is lost.
+pub(super) async fn configure(_: &mut Uart, was: LineCoding, coding: LineCoding) {
+    STATE.usart.disable();
+    Timer::after_micros(was.micros(3) / 2).await;
+    STATE.usart.enable(coding);
 }
 
 /// The DMA's next write position in the ring.

@@ -77,8 +77,8 @@ pub(super) fn stop(mut transfer: Transfer<'_>) {
     while transfer.is_running() {}
 }
 
-/// Applies a line coding, which the bridge has checked.
-pub(super) fn configure(uart: &mut Uart, coding: LineCoding) {
+/// Applies a line coding, which the bridge has checked. The byte that arrives meanwhile is lost.
+pub(super) async fn configure(uart: &mut Uart, _was: LineCoding, coding: LineCoding) {
     let mut config = hal::Config::default();
     config.baudrate = coding.baud;
     config.parity = match coding.parity {

@@ -48,9 +48,11 @@ impl Uart {
     }
 
     /// Applies a bit time, UARTLCR_H and UARTCR, and one wire for both directions or two.
+    ///
+    /// A UART that is disabled completes its byte (4.2.8, UARTCR). One whose line coding changes meanwhile is garbled here.
     pub(super) fn configure(&mut self, bit: u64, format: u32, control: u32, half_duplex: bool, now: Nanos) {
         let is_on = |bit| control & (UARTEN | bit) == UARTEN | bit;
-        self.settings = Settings {
+        let settings = Settings {
             bit,
             format: Format {
                 parity: match (format & PEN, format & EPS) {
@@ -63,7 +65,12 @@ impl Uart {
             half_duplex,
             transmits: is_on(TXE),
             receives: is_on(RXE),
+            completes: true,
         };
+        if (settings.bit, settings.format) != (self.settings.bit, self.settings.format) {
+            self.shifter.garble();
+        }
+        self.settings = settings;
         self.shifter.set(self.settings, now);
     }
 

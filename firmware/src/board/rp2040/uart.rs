@@ -218,7 +218,7 @@ impl Usart {
             .gpio(RX)
             .ctrl()
             .write(|w| w.set_funcsel(Gpio0ctrlFuncsel::UART0_TX.to_bits()));
-        self.configure(START);
+        self.enable(START);
         UART1.uartimsc().write(|w| {
             w.set_feim(true);
             w.set_peim(true);
@@ -228,10 +228,15 @@ impl Usart {
         release_tx();
     }
 
-    /// Applies a line coding. The UART is disabled meanwhile (4.2.8, UARTLCR_H), and its FIFOs keep their bytes.
-    pub(crate) fn configure(&self, coding: LineCoding) {
+    /// Disables the UART, which completes the byte that it is sending or receiving (4.2.8, UARTCR). Its FIFOs keep their
+    /// bytes.
+    pub(crate) fn disable(&self) {
+        UART1.uartcr().write(|_| {});
+    }
+
+    /// Enables the disabled UART with a line coding.
+    pub(crate) fn enable(&self, coding: LineCoding) {
         critical_section::with(|_| {
-            UART1.uartcr().modify(|w| w.set_uarten(false));
             // Divisor in 64ths (4.2.7.1), rounded.
             let divisor = (u64::from(clk_peri_freq()) * 8 / u64::from(coding.baud)).div_ceil(2) as u32;
             UART1.uartibrd().write(|w| w.set_baud_divint((divisor >> 6) as u16));

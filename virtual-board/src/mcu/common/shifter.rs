@@ -16,6 +16,8 @@ pub(crate) struct Settings {
     pub(crate) transmits: bool,
     /// True if the receiver is enabled.
     pub(crate) receives: bool,
+    /// True if a receiver that is switched off completes its byte before.
+    pub(crate) completes: bool,
 }
 
 impl Settings {
@@ -94,7 +96,7 @@ impl Shifter {
         line.set_board_bit(settings.bit);
         line.set_board_format(settings.format);
         line.set_half_duplex(settings.half_duplex);
-        if !settings.listens() {
+        if !settings.listens() && !(settings.completes && self.arriving.is_some()) {
             self.arriving = None;
             line.nobody_receives(now);
         }
@@ -122,6 +124,14 @@ impl Shifter {
     /// Aborts the frame in transmission. Returns true if it was a byte.
     pub(crate) fn cut(&mut self) -> bool {
         self.sending.take().is_some_and(|(_, sent)| sent.is_some())
+    }
+
+    /// Garbles the byte in reception.
+    pub(crate) fn garble(&mut self) {
+        if let Some((_, arrival)) = &mut self.arriving {
+            arrival.garble();
+            lock(&self.line).board_garbles();
+        }
     }
 
     /// Aborts transmission and reception.
@@ -182,11 +192,13 @@ impl Shifter {
         }
         if let Some((_, mut arrival)) = self.arriving.take_if(|(ends, _)| *ends <= now) {
             if line.has_collided() {
-                arrival.framing = true;
-                arrival.value = !arrival.value;
+                arrival.garble();
             }
             progress.arrived = Some(arrival);
-            self.find_start_bit(now, &mut line);
+            match self.settings.listens() {
+                true => self.find_start_bit(now, &mut line),
+                false => line.last_arrived(now),
+            }
         }
         progress.idle = self.idle_at.take_if(|at| *at <= now).is_some();
         self.arm_due = line.due();

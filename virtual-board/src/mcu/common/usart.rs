@@ -189,6 +189,7 @@ impl<C: Chip> Usart<C> {
             half_duplex: self.cr3 & cr3::HDSEL != 0,
             transmits: self.is_on(cr1::TE),
             receives: self.is_on(cr1::RE),
+            completes: false,
         };
         self.shifter.set(settings, now);
     }
