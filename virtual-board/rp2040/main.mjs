@@ -43,6 +43,10 @@ function act(commands) {
       return uart.rest();
     case Command.BUS_RESET:
       return usb.resetBus();
+    case Command.BUS_RESET_DONE:
+      return usb.endReset();
+    case Command.START_OF_FRAME:
+      return usb.startFrame(commands.word());
     case Command.SETUP:
       return usb.setup(commands.bytes());
     case Command.OUT:

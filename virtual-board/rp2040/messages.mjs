@@ -27,6 +27,8 @@ export const Command = {
   READ: 16,
   WRITE: 17,
   MOVE_STACK: 18,
+  BUS_RESET_DONE: 19,
+  START_OF_FRAME: 20,
 };
 
 // The numbers of events for it. STOPPED or FAILED ends a run, VALUE answers READ and WRITE.

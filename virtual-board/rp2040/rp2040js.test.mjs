@@ -174,3 +174,22 @@ test('reset erases the flash and leaves peripherals', () => {
   assert.equal(rp2040.flash[0], 0xff);
   assert.equal(rp2040.readUint32(UARTIBRD), 67);
 });
+
+test('device learns of no frame, and of no line in reset', () => {
+  const USB = 0x50110000;
+  const SIE_STATUS = USB + 0x50;
+  const USBPHY_DIRECT = USB + 0x7c;
+  const INTR = USB + 0x8c;
+  const LINE_STATE = 3 << 2;
+  const BUS_RESET = 1 << 19;
+  const DEV_SOF = 1 << 17;
+  const rp2040 = chip();
+  const { usbCtrl } = rp2040;
+  usbCtrl.sieStatus |= BUS_RESET;
+  usbCtrl.sieStatusUpdated();
+  rp2040.writeUint32(SIE_STATUS, BUS_RESET);
+  assert.notEqual(rp2040.readUint32(SIE_STATUS) & LINE_STATE, 0);
+  assert.equal(rp2040.readUint32(USBPHY_DIRECT), ALL_ONES);
+  rp2040.clock.tick(2_000_000);
+  assert.equal(rp2040.readUint32(INTR) & DEV_SOF, 0);
+});

@@ -7,17 +7,41 @@ import { Event } from './messages.mjs';
 
 // Registers that the host can notice, by their numbers in USB events.
 const ADDR_ENDP = 0x00;
+const SOF_RD = 0x48;
 const SIE_CTRL = 0x4c;
 const SIE_STATUS = 0x50;
 const EP_ABORT = 0x60;
 const EP_ABORT_DONE = 0x64;
 const EP_STALL_ARM = 0x68;
-const NOTICED = [ADDR_ENDP, SIE_CTRL, EP_ABORT, EP_STALL_ARM];
+const USB_MUXING = 0x74;
+const NOTICED = [ADDR_ENDP, SIE_CTRL, EP_ABORT, EP_STALL_ARM, USB_MUXING];
+
+// Registers that rp2040js does not have.
+const USBPHY_DIRECT = 0x7c;
+const USBPHY_DIRECT_OVERRIDE = 0x80;
+const DP_PULLUP_EN = 1 << 1;
+const DP_PULLUP_EN_OVERRIDE_EN = 1 << 2;
 
 // Bits of SIE_STATUS.
 const SUSPENDED = 1 << 4;
 const RESUME = 1 << 11;
+const LINE_STATE = 3 << 2;
 const BUS_RESET = 1 << 19;
+
+// The interrupt at the start of a frame, in INTR.
+const DEV_SOF = 1 << 17;
+
+// TO_DIGITAL_PAD of USB_MUXING; and the function of a pin that is D+ then, with an output that is off and an input that
+// counts as high (2.19.6.1).
+const TO_DIGITAL_PAD = 1 << 2;
+const DP = 15;
+const USB_DP = 8;
+const OUTPUT_OFF = 2;
+const INPUT_HIGH = 3;
+// The values of USB_MUXING in USB events: at the PHY, at pins, and at pins that show an idle bus.
+const AT_PHY = 0;
+const AT_PINS = 1;
+const IDLE = 2;
 
 // Offsets in the memory: the controls of endpoints, of their buffers, and their end.
 const ENDPOINTS = 0x08;
@@ -40,6 +64,12 @@ export class Usb {
   #revision;
   // True once an endpoint was held on a chip with RP2040-E2: all answer with NAK from then on.
   #isStuck = false;
+  // True during a reset of the bus.
+  #isReset = false;
+  #registers = new Map([
+    [USBPHY_DIRECT, 0],
+    [USBPHY_DIRECT_OVERRIDE, 0],
+  ]);
 
   constructor(machine, rp2040, revision) {
     this.#machine = machine;
@@ -52,7 +82,19 @@ export class Usb {
 
   // The bus is reset.
   resetBus() {
+    this.#isReset = true;
     this.#raise(BUS_RESET);
+  }
+
+  endReset() {
+    this.#isReset = false;
+  }
+
+  // A frame starts.
+  startFrame(number) {
+    this.#controller.sofFrameNumber = number;
+    this.#controller.intRaw |= DEV_SOF;
+    this.#controller.checkInterrupts();
   }
 
   // The bus has been idle for 3 ms.
@@ -103,8 +145,16 @@ export class Usb {
 
   #reportRegisters() {
     const controller = this.#controller;
-    const { writeUint32 } = controller;
+    const { readUint32, writeUint32 } = controller;
+    controller.readUint32 = (offset) => {
+      const value = this.#registers.get(offset) ?? readUint32.call(controller, offset);
+      // rp2040js has no start of frame for a device.
+      if (offset === SOF_RD) controller.intRaw &= ~DEV_SOF;
+      if (offset === SOF_RD) controller.checkInterrupts();
+      return offset === SIE_STATUS && this.#isReset ? value & ~LINE_STATE : value;
+    };
     controller.writeUint32 = (offset, value) => {
+      if (this.#registers.has(offset)) return this.#registers.set(offset, value);
       const done = controller.epAbortDone;
       // rp2040js does not clear SUSPENDED.
       if (offset === SIE_STATUS) controller.sieStatus &= ~(controller.rawWriteValue & SUSPENDED);
@@ -117,9 +167,22 @@ export class Usb {
       const { events } = this.#machine;
       events.byte(Event.USB);
       events.byte(number);
-      events.word(offset === EP_ABORT && this.#isStuck ? ALL : value);
+      events.word(this.#noticed(offset, value));
       this.#machine.stop();
     };
+  }
+
+  #noticed(offset, value) {
+    if (offset === EP_ABORT && this.#isStuck) return ALL;
+    if (offset !== USB_MUXING) return value;
+    if ((value & TO_DIGITAL_PAD) === 0) return AT_PHY;
+    const pin = this.#rp2040.gpio[DP];
+    const isIdle =
+      pin.functionSelect === USB_DP && pin.outputEnableOverride === OUTPUT_OFF && pin.inputOverride === INPUT_HIGH;
+    const pullsUp =
+      (this.#registers.get(USBPHY_DIRECT) & DP_PULLUP_EN) !== 0 &&
+      (this.#registers.get(USBPHY_DIRECT_OVERRIDE) & DP_PULLUP_EN_OVERRIDE_EN) !== 0;
+    return isIdle && pullsUp ? IDLE : AT_PINS;
   }
 
   #memoryWritten(offset) {

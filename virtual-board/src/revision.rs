@@ -3,7 +3,8 @@
 /// The revision of an RP2040.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Rp2040Revision {
-    /// B0 and B1. The USB controller answers each token with NAK once an endpoint was held by EP_ABORT (RP2040-E2).
+    /// B0 and B1. The USB controller answers each token with NAK once an endpoint was held by EP_ABORT
+    /// (RP2040-E2), and connects late after a reset of the bus (RP2040-E5).
     B1,
     /// B2, of 2021 and later.
     #[default]

@@ -82,10 +82,8 @@ impl driver::Bus for Bus {
         self.0.disable().await;
     }
 
-    async fn poll(&mut self) -> Event {
-        let event = self.0.poll().await;
-        usb::on_event(event);
-        event
+    fn poll(&mut self) -> impl Future<Output = Event> {
+        usb::poll(&mut self.0)
     }
 
     fn endpoint_set_enabled(&mut self, endpoint: EndpointAddress, enabled: bool) {

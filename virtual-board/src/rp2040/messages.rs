@@ -23,6 +23,8 @@ mod command {
     pub(super) const READ: u8 = 16;
     pub(super) const WRITE: u8 = 17;
     pub(super) const MOVE_STACK: u8 = 18;
+    pub(super) const BUS_RESET_DONE: u8 = 19;
+    pub(super) const START_OF_FRAME: u8 = 20;
 }
 
 /// The numbers of events, as there.
@@ -143,6 +145,17 @@ impl Commands {
         self.byte(command::BUS_RESET);
     }
 
+    /// The reset of the USB bus has ended.
+    pub(super) fn bus_reset_done(&mut self) {
+        self.byte(command::BUS_RESET_DONE);
+    }
+
+    /// A USB frame starts.
+    pub(super) fn start_of_frame(&mut self, number: u16) {
+        self.byte(command::START_OF_FRAME);
+        self.word(number.into());
+    }
+
     /// A SETUP packet.
     pub(super) fn setup(&mut self, request: [u8; 8]) {
         self.byte(command::SETUP);
@@ -225,6 +238,12 @@ pub(super) enum UsbRegister {
     SieControl,
     Abort,
     StallArm,
+    /// USB_MUXING: nonzero if the controller is at pins instead of the PHY, [`IDLE`](Self::IDLE) if it sees an idle bus there.
+    Muxing,
+}
+
+impl UsbRegister {
+    pub(super) const IDLE: u32 = 2;
 }
 
 /// An event in the chip.
@@ -303,6 +322,7 @@ impl<'a> Reader<'a> {
                     1 => UsbRegister::SieControl,
                     2 => UsbRegister::Abort,
                     3 => UsbRegister::StallArm,
+                    4 => UsbRegister::Muxing,
                     _ => return None,
                 };
                 Event::Usb(register, self.word()?)

@@ -77,7 +77,7 @@ impl Rp2040 {
             process: Process::start()?,
             commands,
             uart: Uart::new(setup.edges.line, setup.edges.starve),
-            usb: Usb::new(setup.edges.host),
+            usb: Usb::new(setup.edges.host, setup.rp2040_revision),
             flash: Array::new(setup.edges.flash),
             now: Nanos(0),
             instructions: 0,
@@ -183,7 +183,7 @@ impl Rp2040 {
             } => self
                 .uart
                 .configure(uart::bit(divisor, clock), format, control, one_wire, now),
-            Event::Usb(register, value) => self.usb.write(register, value),
+            Event::Usb(register, value) => self.usb.write(register, value, now),
             Event::Buffer { index, control, packet } => self.usb.write_buffer(index, control, packet, now),
             Event::Endpoint { index, control } => self.usb.write_endpoint(index, control),
             Event::Erase { from, length } => self.flash.erase(from, length, now, commands),

@@ -7,11 +7,14 @@
 //! | Buffers: AVAILABLE, the data toggle, STALL | 4.1.2.5, 4.1.2.6 |
 //! | SETUP is accepted always, and ends a stall of endpoint 0 | 4.1.2.6 |
 //! | EP_ABORT: NAK from the end of the transaction | 4.1.2.9 |
+//! | A packet that becomes available in the last part of a frame, and is fetched there, ends all communication | RP2040-E15 |
+//! | Before revision B2: after a reset of the bus nothing is answered until the controller has seen an idle bus for 800 µs. It never does by itself, as behind a busy hub | RP2040-E5 |
 //!
-//! Not modelled: start of frame, double buffers, isochronous endpoints, remote wake-up, the bus voltage, which the image
+//! Not modelled: double buffers, isochronous endpoints, remote wake-up, the bus voltage, which the image
 //! overrides.
 
 use super::messages::{Commands, UsbRegister};
+use crate::revision::Rp2040Revision;
 use crate::shared::{Shared, lock};
 use crate::time::Nanos;
 use crate::usb::host::Host;
@@ -22,6 +25,13 @@ const ENDPOINTS: usize = 16;
 /// PULLUP_EN of SIE_CTRL, ADDRESS of ADDR_ENDP (4.1.4).
 const PULLUP_EN: u32 = 1 << 16;
 const ADDRESS: u32 = 0x7F;
+
+/// From here to the end of a frame a packet must not become available (RP2040-E15). The limit of other drivers is 800 µs;
+/// this one leaves time for a handler between their check and the packet.
+const FRAME_END: Nanos = Nanos(840_000);
+
+/// Time that the controller needs to connect (RP2040-E5).
+const CONNECT: Nanos = Nanos(800_000);
 
 /// ENABLE of an endpoint's control, and bits of its buffer's control (4.1.2.5.1).
 const ENABLE: u32 = 1 << 31;
@@ -51,7 +61,31 @@ struct Device {
     endpoints: [Endpoint; 2 * ENDPOINTS],
     /// The endpoint whose packet is on the wire, until the end of that packet.
     sending: Option<u8>,
+    /// The time of the last event.
+    now: Nanos,
+    /// The start of the frame.
+    frame: Nanos,
+    /// It answers nothing until the next reset of the chip.
+    hangs: bool,
+    /// The chip has RP2040-E5.
+    connects_late: bool,
+    connection: Connection,
     commands: Commands,
+}
+
+/// The controller's connection to the bus.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum Connection {
+    #[default]
+    Connected,
+    /// The bus is in reset.
+    Reset,
+    /// It waits for an idle bus.
+    Waiting,
+    /// It is at pins instead of the bus, which show an idle bus since then.
+    Idle(Nanos),
+    /// It is at pins that show something else.
+    AtPins,
 }
 
 /// What a token would get.
@@ -92,7 +126,19 @@ impl Device {
     }
 
     fn is_addressed(&self, address: u8) -> bool {
-        self.pulls_up && self.address == address.into()
+        let hears = self.connection == Connection::Connected && !self.hangs;
+        hears && self.pulls_up && self.address == address.into()
+    }
+
+    /// The image moved the controller to the bus, or to pins.
+    fn mux(&mut self, value: u32) {
+        self.connection = match (value, self.connection) {
+            (UsbRegister::IDLE, Connection::Waiting) => Connection::Idle(self.now),
+            (0, Connection::Idle(since)) if self.now.since(since) >= CONNECT => Connection::Connected,
+            (0, Connection::Idle(_) | Connection::AtPins) => Connection::Waiting,
+            (0, connection) => connection,
+            _ => Connection::AtPins,
+        };
     }
 }
 
@@ -105,12 +151,22 @@ impl Function for Device {
 
     fn reset(&mut self) {
         self.sending = None;
+        self.connection = Connection::Reset;
         self.commands.bus_reset();
     }
 
-    fn reset_done(&mut self) {}
+    fn reset_done(&mut self) {
+        self.connection = match self.connects_late {
+            true => Connection::Waiting,
+            false => Connection::Connected,
+        };
+        self.commands.bus_reset_done();
+    }
 
-    fn start_of_frame(&mut self, _: u16) {}
+    fn start_of_frame(&mut self, number: u16) {
+        self.frame = self.now;
+        self.commands.start_of_frame(number);
+    }
 
     fn suspend(&mut self) {
         self.commands.suspend();
@@ -163,6 +219,14 @@ impl Function for Device {
             State::Busy => return Reply::Nak,
             State::Ready => self.sending = Some(endpoint),
         }
+        let end = self.frame + FRAME_END;
+        if let Some(buffer) = self.endpoint(endpoint, Direction::In)
+            && endpoint != 0
+            && buffer.armed >= end
+        {
+            self.hangs = true;
+            return Reply::NoResponse;
+        }
         match self.endpoint(endpoint, Direction::In) {
             Some(buffer) => Reply::Data {
                 toggle: buffer.control & DATA1 != 0,
@@ -195,9 +259,12 @@ pub(super) struct Usb {
 }
 
 impl Usb {
-    pub(super) fn new(host: Shared<Host>) -> Self {
+    pub(super) fn new(host: Shared<Host>, revision: Rp2040Revision) -> Self {
         Self {
-            device: Device::default(),
+            device: Device {
+                connects_late: revision == Rp2040Revision::B1,
+                ..Device::default()
+            },
             host,
             wake: None,
         }
@@ -205,16 +272,21 @@ impl Usb {
 
     /// Resets the controller: the device disconnects.
     pub(super) fn reset(&mut self) {
-        self.device = Device::default();
+        self.device = Device {
+            connects_late: self.device.connects_late,
+            ..Device::default()
+        };
     }
 
     /// The image wrote a register.
-    pub(super) fn write(&mut self, register: UsbRegister, value: u32) {
+    pub(super) fn write(&mut self, register: UsbRegister, value: u32, now: Nanos) {
         let device = &mut self.device;
+        device.now = now;
         match register {
             UsbRegister::Address => device.address = value & ADDRESS,
             UsbRegister::SieControl => device.pulls_up = value & PULLUP_EN != 0,
             UsbRegister::StallArm => device.stall_arm = value,
+            UsbRegister::Muxing => device.mux(value),
             UsbRegister::Abort => {
                 device.abort = value;
                 let sending = device.sending.map_or(0, |endpoint| 1 << index(endpoint, Direction::In));
@@ -241,6 +313,7 @@ impl Usb {
 
     /// Executes due events, and senses changes.
     pub(super) fn poll(&mut self, now: Nanos, commands: &mut Commands) {
+        self.device.now = now;
         self.wake = lock(&self.host).poll(now, &mut self.device);
         commands.append(&mut self.device.commands);
     }

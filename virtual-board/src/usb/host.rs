@@ -287,9 +287,9 @@ impl Host {
         self.connected
     }
 
-    /// Returns true while frames are sent.
+    /// Returns true while frames are sent, and no [reset](Self::reset), suspend or resume is requested.
     pub fn running(&self) -> bool {
-        matches!(self.link, Link::Running { .. })
+        self.bus_request.is_none() && matches!(self.link, Link::Running { .. })
     }
 
     /// A number that changes with every connect, disconnect or reset: state of the device is then outdated.

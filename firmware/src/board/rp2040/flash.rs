@@ -12,6 +12,7 @@ use embassy_sync::once_lock::OnceLock;
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
 use heapless::String;
 
+use super::frame;
 use crate::uart::stall;
 
 /// Size of the flash in bytes.
@@ -76,10 +77,19 @@ impl NorFlash for ConfigFlash {
     const ERASE_SIZE: usize = ERASE_SIZE;
 
     async fn erase(&mut self, from: u32, to: u32) -> Result<(), FlashError> {
-        stall(|| self.0.blocking_erase(from, to))
+        pause(|| self.0.blocking_erase(from, to))
     }
 
     async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), FlashError> {
-        stall(|| self.0.blocking_write(offset, bytes))
+        pause(|| self.0.blocking_write(offset, bytes))
     }
+}
+
+/// Calls an operation of the flash, during which no interrupt is handled.
+fn pause<R>(operation: impl FnOnce() -> R) -> R {
+    stall(|| {
+        let result = operation();
+        frame::lose_start();
+        result
+    })
 }

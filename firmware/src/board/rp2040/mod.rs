@@ -4,7 +4,9 @@
 //! Section numbers are those of the RP2040 datasheet.
 
 mod boot;
+mod connect;
 mod flash;
+mod frame;
 mod init;
 mod led;
 mod mask;

@@ -3,7 +3,8 @@
 
 use core::future::{Future, poll_fn};
 use core::pin::pin;
-use core::task::{Context, Poll};
+use core::sync::atomic::{AtomicBool, Ordering};
+use core::task::{Context, Poll, ready};
 
 use embassy_rp::interrupt::typelevel::{Handler, USBCTRL_IRQ};
 use embassy_rp::pac::common::{RW, Reg};
@@ -11,10 +12,12 @@ use embassy_rp::pac::usb_dpram::regs::EpBufferControl;
 use embassy_rp::pac::{SYSINFO, USB, USB_DPRAM};
 use embassy_rp::{peripherals, usb};
 use embassy_usb::driver::{
-    self, Bus as _, ControlPipe as _, Direction, EndpointAddress, EndpointError, EndpointIn as _, EndpointOut as _,
-    Event,
+    self, Bus as _, ControlPipe as _, Direction, Endpoint as _, EndpointAddress, EndpointError, EndpointIn as _,
+    EndpointOut as _, Event,
 };
 
+use super::connect::connect;
+use super::frame;
 use crate::board::usb_stage::{soon, wake_stage};
 
 /// The HAL's driver and its parts.
@@ -30,6 +33,9 @@ pub(in crate::board) const ENDPOINTS: usize = 16;
 /// The revision B2 in CHIP_ID (2.20.2).
 const REVISION_B2: u8 = 2;
 
+/// The bus was reset since the last wait for an event.
+static WAS_RESET: AtomicBool = AtomicBool::new(false);
+
 /// Cycles between the content of a buffer's control and AVAILABLE, which the controller reads with another clock
 /// (4.1.2.5.1).
 const SETTLE_CYCLES: u32 = 12;
@@ -43,6 +49,7 @@ pub(super) struct SetupHandler;
 
 impl Handler<USBCTRL_IRQ> for SetupHandler {
     unsafe fn on_interrupt() {
+        frame::note_start();
         if is_over() {
             withdraw_answer();
             wake_stage();
@@ -117,6 +124,9 @@ pub(crate) fn cancel_unfetched_packet(endpoint: usize) -> bool {
 /// Resets an endpoint's data toggle to DATA0 (USB 2.0, 9.1.1.5, 9.4.5, 9.4.10), and halts it or ends its halt. A packet
 /// that waits there stays.
 fn restart(bus: &mut HalBus, endpoint: EndpointAddress, halted: bool) {
+    if endpoint.is_in() && buffer(endpoint).read().available(0) {
+        frame::wait_for_time();
+    }
     held(endpoint, |buffer, is_armed| {
         bus.endpoint_set_stalled(endpoint, halted);
         let mut control = buffer.read();
@@ -149,7 +159,7 @@ fn held<R>(endpoint: EndpointAddress, change: impl FnOnce(Reg<EpBufferControl, R
     let (buffer, index) = (buffer(endpoint), endpoint.index());
     // The service and the tasks arm endpoints.
     critical_section::with(|_| {
-        if SYSINFO.chip_id().read().revision() < REVISION_B2 {
+        if is_before_b2() {
             let is_waiting = take_back(endpoint);
             return change(buffer, is_waiting);
         }
@@ -168,6 +178,11 @@ fn held<R>(endpoint: EndpointAddress, change: impl FnOnce(Reg<EpBufferControl, R
         USB.ep_abort_done().write(|w| w.0 = u32::MAX);
         result
     })
+}
+
+/// Returns true if the chip has the errata of the revisions before B2.
+fn is_before_b2() -> bool {
+    SYSINFO.chip_id().read().revision() < REVISION_B2
 }
 
 /// Takes the packet of an endpoint from the controller, and waits for its end if it is on the wire. Returns true if it waits.
@@ -201,7 +216,15 @@ fn is_active(endpoint: EndpointAddress) -> bool {
 /// Writes a packet for the host.
 pub(in crate::board) async fn write(endpoint: &mut HalIn, packet: &[u8]) -> Result<(), EndpointError> {
     wait_for_buffer(endpoint).await;
-    endpoint.write(packet).await
+    let index = endpoint.info().addr.index();
+    poll_fn(|cx| {
+        // No handler comes between the check of the time and the packet.
+        critical_section::with(|_| {
+            ready!(frame::poll_has_time(index, cx));
+            pin!(endpoint.write(packet)).poll(cx)
+        })
+    })
+    .await
 }
 
 /// Reads a packet of the host.
@@ -226,8 +249,20 @@ async fn wait_for_buffer(endpoint: &mut impl driver::Endpoint) {
     .await;
 }
 
-/// No state depends on events of the bus.
-pub(in crate::board) fn on_event(_: Event) {}
+/// Waits for an event of the bus. After a reset it ends that first.
+pub(in crate::board) async fn poll(bus: &mut HalBus) -> Event {
+    if WAS_RESET.load(Ordering::Relaxed) && is_before_b2() {
+        // A request ends the wait, and another one begins.
+        connect().await;
+    }
+    WAS_RESET.store(false, Ordering::Relaxed);
+    let event = bus.poll().await;
+    if event == Event::Reset {
+        WAS_RESET.store(true, Ordering::Relaxed);
+        frame::enable_interrupt();
+    }
+    event
+}
 
 /// Enables or disables an endpoint. Its next packet has DATA0.
 pub(in crate::board) fn set_enabled(bus: &mut HalBus, endpoint: EndpointAddress, enabled: bool) {

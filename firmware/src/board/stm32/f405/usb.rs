@@ -208,8 +208,10 @@ pub(in crate::board) fn read(
     endpoint.read(packet)
 }
 
-/// No state depends on events of the bus.
-pub(in crate::board) fn on_event(_: Event) {}
+/// Waits for an event of the bus, on which no state here depends.
+pub(in crate::board) fn poll(bus: &mut HalBus) -> impl Future<Output = Event> {
+    bus.poll()
+}
 
 /// Enables or disables an endpoint. Its next packet has DATA0.
 pub(in crate::board) fn set_enabled(bus: &mut HalBus, endpoint: EndpointAddress, enabled: bool) {

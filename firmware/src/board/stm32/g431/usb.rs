@@ -313,8 +313,9 @@ fn fetch(endpoint: usize, packet: &mut [u8]) -> Result<usize, EndpointError> {
     Ok(len)
 }
 
-/// Ends what an event of the bus ends.
-pub(in crate::board) fn on_event(event: Event) {
+/// Waits for an event of the bus, and ends what it ends.
+pub(in crate::board) async fn poll(bus: &mut HalBus) -> Event {
+    let event = bus.poll().await;
     match event {
         Event::Reset => {
             // A write in progress may have changed an endpoint after the reset.
@@ -328,6 +329,7 @@ pub(in crate::board) fn on_event(event: Event) {
         Event::Suspend => BUS_EVENT_PENDING.store(false, Ordering::Relaxed),
         _ => {}
     }
+    event
 }
 
 /// Halts an endpoint, unless it is disabled. If the host's acknowledgement comes between a read and a write of the

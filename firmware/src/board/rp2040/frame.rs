@@ -1,0 +1,78 @@
+//! The end of a USB frame, in which the controller gets no packet for the host.
+//!
+//! A token that comes late there can make a hub damage the host's acknowledgement, after which the controller hangs until
+//! the chip is reset (RP2040-E15). TinyUSB leaves out the same part (`rp2040_usb.c`, `e15_is_critical_frame_period`).
+
+use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use core::task::{Context, Poll};
+
+use embassy_rp::pac::{TIMER, USB};
+use embassy_sync::waitqueue::AtomicWaker;
+
+use super::usb::ENDPOINTS;
+
+/// The part before the end, in microseconds after the start of the frame.
+const TIME: u32 = 800;
+
+/// The duration of a frame in microseconds.
+const FRAME: u32 = 1_000;
+
+/// The time of the last start of a frame in microseconds, if [`IS_KNOWN`].
+static START: AtomicU32 = AtomicU32::new(0);
+static IS_KNOWN: AtomicBool = AtomicBool::new(false);
+
+/// The tasks that wait for the next frame, by their endpoints.
+static WAITING: [AtomicWaker; ENDPOINTS] = [const { AtomicWaker::new() }; ENDPOINTS];
+
+/// Enables the interrupt at the start of a frame.
+pub(super) fn enable_interrupt() {
+    // The HAL's handler disables others.
+    critical_section::with(|_| USB.inte().modify(|w| w.set_dev_sof(true)));
+}
+
+/// Takes the start of a frame, if that is the reason of the interrupt.
+pub(super) fn note_start() {
+    if !USB.ints().read().dev_sof() {
+        return;
+    }
+    START.store(micros(), Ordering::Relaxed);
+    IS_KNOWN.store(true, Ordering::Relaxed);
+    clear();
+    WAITING.iter().for_each(AtomicWaker::wake);
+}
+
+/// The interrupt may have waited: the time of the start is that of the next one.
+pub(super) fn lose_start() {
+    IS_KNOWN.store(false, Ordering::Relaxed);
+    clear();
+}
+
+/// Clears the interrupt (4.1.4, SOF_RD).
+fn clear() {
+    let _ = USB.sof_rd().read();
+}
+
+/// Waits until a frame has time for a packet.
+pub(super) fn poll_has_time(endpoint: usize, cx: &mut Context<'_>) -> Poll<()> {
+    if let Some(waiting) = WAITING.get(endpoint) {
+        waiting.register(cx.waker());
+    }
+    match has_time() {
+        true => Poll::Ready(()),
+        false => Poll::Pending,
+    }
+}
+
+/// Waits for time as long as a frame, for a packet of a request, which has none without one.
+pub(super) fn wait_for_time() {
+    let start = micros();
+    while !has_time() && micros().wrapping_sub(start) < FRAME {}
+}
+
+fn has_time() -> bool {
+    IS_KNOWN.load(Ordering::Relaxed) && micros().wrapping_sub(START.load(Ordering::Relaxed)) < TIME
+}
+
+fn micros() -> u32 {
+    TIMER.timerawl().read()
+}
