@@ -96,7 +96,8 @@ impl Shifter {
         line.set_board_bit(settings.bit);
         line.set_board_format(settings.format);
         line.set_half_duplex(settings.half_duplex);
-        if !settings.listens() && !(settings.completes && self.arriving.is_some()) {
+        let completes = settings.completes && self.arriving.is_some();
+        if !settings.listens() && !completes {
             self.arriving = None;
             line.nobody_receives(now);
         }
