@@ -2,14 +2,24 @@
 
 use crate::config::{self, Config};
 
+/// Whether a write to flash may erase some. The adapter may stall meanwhile.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Erase {
+    /// It may.
+    Allowed,
+    /// It may not: it fails if there is no room without.
+    Refused,
+}
+
 /// An action that only firmware can take.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Action {
     /// Write this configuration to flash, then call [`Bridge::saved`](crate::Bridge::saved).
-    Save(Config),
+    Save(Config, Erase),
     /// Erase the configuration in flash, then call [`Bridge::saved`](crate::Bridge::saved).
-    Reset,
+    Reset(Erase),
     /// [`Erase`](Self::Erase), then write this configuration to flash, then call
     /// [`Bridge::saved`](crate::Bridge::saved).
     Replace(Config),

@@ -321,6 +321,9 @@ pub enum Failure {
     PoseOutOfRange,
     /// The adapter cannot stop this kind of arm. Since version 5.
     NotStoppable(ArmKind),
+    /// The flash has no room without an erase, which would stall the adapter, and a host has the serial port open. A start
+    /// of the adapter makes room, and so does a save while the port is closed. Since version 7.
+    NoRoom,
 }
 
 /// An adapter's identity.

@@ -118,7 +118,7 @@ pub mod store;
 #[cfg(test)]
 mod tests;
 
-pub use action::Action;
+pub use action::{Action, Erase};
 pub use armwire::time;
 pub use armwire::time::{Duration, Instant};
 pub use bridge::{Bridge, CanEvent, Status, UartEvent, UsbEvent};

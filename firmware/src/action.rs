@@ -1,14 +1,14 @@
 //! Actions of the bridge that only firmware can take: writing the configuration to flash, and restarts.
 //!
 //! The F405 cannot fetch code from its flash during an erase or a write. The core stalls for 250 ms, and 500 ms at
-//! worst, while a sector of 16 kB is erased, which happens once in some hundred saves. USB and CAN do not respond
-//! meanwhile, and bytes from the arm are lost and counted as an overrun of the ring. A store that crashed its load is
-//! replaced by the erase of both sectors. The watchdog's timeout is longer.
+//! worst, while a sector of 16 kB is erased, which happens once in some hundred saves: at the next start, or before that in a
+//! save while no host has the serial port open. USB and CAN do not respond meanwhile, and bytes from the arm are lost and
+//! counted as an overrun of the ring. A store that crashed its load is replaced by the erase of both sectors. The watchdog's timeout is longer.
 
-use armwire_bridge::Action;
 use armwire_bridge::config::Config;
 use armwire_bridge::control::Failure;
 use armwire_bridge::store::{Error, Saved, Store};
+use armwire_bridge::{Action, Erase};
 use embassy_futures::block_on;
 use embassy_time::Timer;
 
@@ -36,6 +36,13 @@ pub(crate) fn load(store: &mut Store<ConfigFlash>) -> (Config, bool) {
     }
 }
 
+/// Makes room for saves that may not erase.
+pub(crate) fn prepare(store: &mut Store<ConfigFlash>) {
+    if let Err(failure) = block_on(store.prepare()).map_err(failure) {
+        warning!("no room made for configurations: {}", failure);
+    }
+}
+
 // Not inlined: second copies take 4 kB.
 
 /// Reads the configuration in flash.
@@ -46,8 +53,8 @@ fn read(store: &mut Store<ConfigFlash>) -> Result<Saved, Failure> {
 
 /// Writes a configuration to flash.
 #[inline(never)]
-fn save(store: &mut Store<ConfigFlash>, config: &Config) -> Result<(), Failure> {
-    block_on(store.save(config, now())).map_err(failure)
+fn save(store: &mut Store<ConfigFlash>, config: &Config, allowed: Erase) -> Result<(), Failure> {
+    block_on(store.save(config, now(), allowed)).map_err(failure)
 }
 
 /// Erases the flash of the configuration without reading it.
@@ -82,18 +89,18 @@ pub(crate) async fn run(adapter: &'static Adapter, mut store: Store<ConfigFlash>
         // Another action may be pending.
         adapter.wake(Work::Dispatch);
         match action {
-            Action::Save(config) => {
-                let result = save(&mut store, &config);
+            Action::Save(config, allowed) => {
+                let result = save(&mut store, &config, allowed);
                 log("saved", result);
                 adapter.with(|bridge| bridge.saved(result, now()));
             }
-            Action::Reset => {
-                let result = block_on(store.reset(now())).map_err(failure);
+            Action::Reset(allowed) => {
+                let result = block_on(store.reset(now(), allowed)).map_err(failure);
                 log("erased", result);
                 adapter.with(|bridge| bridge.saved(result, now()));
             }
             Action::Replace(config) => {
-                let result = erase(&mut store).and_then(|()| save(&mut store, &config));
+                let result = erase(&mut store).and_then(|()| save(&mut store, &config, Erase::Allowed));
                 log("saved", result);
                 adapter.with(|bridge| bridge.saved(result, now()));
             }

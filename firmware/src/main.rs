@@ -64,7 +64,9 @@ async fn main(spawner: Spawner) {
         Some(_) => (starts.config(), false),
         None => {
             restart::keep(starts.loading());
-            action::load(&mut store)
+            let loaded = action::load(&mut store);
+            action::prepare(&mut store);
+            loaded
         }
     };
     if let Some(words) = starts.running(Instant::ZERO, &config) {

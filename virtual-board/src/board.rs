@@ -380,6 +380,16 @@ impl<A: Arm> VirtualBoard<A> {
         lock(&self.flash).cut_after(Some(operations));
     }
 
+    /// Changes the flash content from this offset on, as a debug probe does beside the running program. Returns false, without
+    /// a change, unless all bytes are inside.
+    pub fn write_flash(&mut self, offset: usize, bytes: &[u8]) -> bool {
+        let is_inside = lock(&self.flash).write(offset, bytes);
+        if is_inside {
+            self.engine.write_flash(offset, bytes);
+        }
+        is_inside
+    }
+
     /// Makes each read of these bytes of the flash, counted from its start, a bus error, until one of them changes.
     pub fn break_flash(&mut self, offsets: Range<usize>) {
         self.engine.break_flash(offsets);

@@ -76,6 +76,9 @@ pub(crate) trait Engine: Debug + Send {
     /// Makes reads of these offsets of the flash bus errors, until one of the bytes changes.
     fn break_flash(&mut self, offsets: Range<usize>);
 
+    /// Changes the flash content from this offset on.
+    fn write_flash(&mut self, offset: usize, bytes: &[u8]);
+
     /// The firmware's RTT log since the last call.
     fn log(&mut self) -> Vec<u8>;
 }

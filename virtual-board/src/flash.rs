@@ -93,6 +93,13 @@ impl Flash {
         }
     }
 
+    /// Changes the content from this offset on. Returns false, without a change, unless all bytes are inside.
+    pub(crate) fn write(&mut self, offset: usize, bytes: &[u8]) -> bool {
+        let range = offset..offset.saturating_add(bytes.len());
+        let held = self.bytes.get_mut(range);
+        held.map(|held| held.copy_from_slice(bytes)).is_some()
+    }
+
     /// Random bits for the progress of an interrupted operation on `word`.
     pub(crate) fn chance(&self, word: usize) -> u64 {
         draw(self.seed ^ u64::from(self.operations), "interrupted", word as u64)

@@ -203,6 +203,7 @@ fn failure() -> impl Strategy<Value = Failure> {
         Just(Failure::StreamArmed),
         Just(Failure::LineReserved),
         Just(Failure::SupplyLow),
+        Just(Failure::NoRoom),
         Just(Failure::ArmSilent),
         Just(Failure::PoseOutOfRange),
         arm().prop_map(Failure::NotStoppable),

@@ -9,7 +9,7 @@ mod event_frames;
 mod flash;
 mod grid;
 
-use crate::action::Action;
+use crate::action::{Action, Erase};
 use crate::can::Frame;
 use crate::config::{Can, Config, ConfigError, Saved};
 use crate::control::{
@@ -483,11 +483,16 @@ impl Hosts {
                 Reply::Failed(Failure::StreamArmed)
             }
             Request::SaveConfig | Request::ResetConfig | Request::GetSaved => {
+                // A program on the port would get no answer meanwhile.
+                let erase = match line.is_port_open() {
+                    true => Erase::Refused,
+                    false => Erase::Allowed,
+                };
                 let action = match (request, self.has_crashed_in_load()) {
                     (Request::GetSaved, _) => Action::Load,
-                    (Request::SaveConfig, false) => Action::Save(self.config),
+                    (Request::SaveConfig, false) => Action::Save(self.config, erase),
                     (Request::SaveConfig, true) => Action::Replace(self.config),
-                    (_, false) => Action::Reset,
+                    (_, false) => Action::Reset(erase),
                     (_, true) => Action::Erase,
                 };
                 self.control.flash.request(action, port, sequence);

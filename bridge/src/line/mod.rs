@@ -94,6 +94,11 @@ impl Line {
         self.wire.to_host().is_attached()
     }
 
+    /// Returns true if a host has the serial port open.
+    pub(crate) fn is_port_open(&self) -> bool {
+        self.wire.to_host().is_open()
+    }
+
     pub(crate) const fn set_poll_lead_time(&mut self, lead: Duration) {
         self.outbox.set_poll_lead_time(lead);
     }

@@ -1,7 +1,8 @@
 //! The configuration in flash. A save is atomic at any loss of power.
 //!
-//! A save appends a record to a page. When the page is full, the next page is erased and used. All pages therefore wear
-//! evenly, and the newest record is never on a page that is being erased. The record with the highest sequence number
+//! A save appends a record to a page. When the page is full, the next page is used, and erased before unless
+//! [`prepare`](Store::prepare) has done so. All pages therefore wear evenly, and the newest record is never on a page that
+//! is being erased. The record with the highest sequence number
 //! is valid. Sequence numbers wrap, and no two in flash are half of the number range apart.
 //!
 //! A record with a wrong checksum is skipped: it remains from an interrupted save. A record that was corrupted later is
@@ -30,6 +31,7 @@ use heapless::Vec;
 use sequential_storage::cache::{Cache, Uncached};
 use sequential_storage::queue::{QueueConfig, QueueStorage};
 
+use crate::action::Erase;
 use crate::config::{Config, ConfigError};
 use crate::control::Failure;
 
@@ -90,7 +92,7 @@ const HEAD: usize = size_of::<u32>() + size_of::<u16>();
 /// # }
 /// # let flash = ram::Flash([0xFF; 4096]);
 /// # let example = async {
-/// use armwire_bridge::Instant;
+/// use armwire_bridge::{Erase, Instant};
 /// use armwire_bridge::config::{Config, Poll};
 /// use armwire_bridge::store::{Saved, Store};
 ///
@@ -98,10 +100,10 @@ const HEAD: usize = size_of::<u32>() + size_of::<u16>();
 /// assert_eq!(store.load().await?, Saved::Nothing);
 ///
 /// let config = Config { poll: Poll::Hertz(200), ..Config::default() };
-/// store.save(&config, Instant::ZERO).await?;
+/// store.save(&config, Instant::ZERO, Erase::Allowed).await?;
 /// assert_eq!(store.load().await?, Saved::Config(config));
 ///
-/// store.reset(Instant::ZERO).await?;
+/// store.reset(Instant::ZERO, Erase::Allowed).await?;
 /// assert_eq!(store.load().await?, Saved::Nothing);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// # };
@@ -127,6 +129,8 @@ pub enum Error<E> {
     Flash(E),
     /// The data read back differs from the data written.
     VerifyFailed,
+    /// Both the page of the newest record and the next one are full, and no [`Erase`] is allowed.
+    NoRoom,
     /// The [budget](SAVE_BUDGET) is exhausted.
     TooManySaves {
         /// Time until the next save is possible, in seconds, at least 1.
@@ -182,6 +186,17 @@ impl<F: NorFlash> Store<F> {
         })
     }
 
+    /// Erases the page behind that of the newest record, unless it is erased: later saves have room for as many records
+    /// without an erase.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Flash`] if the flash cannot be read or erased.
+    pub async fn prepare(&mut self) -> Result<(), Error<F::Error>> {
+        let page = self.newest().await?.0.map_or(self.range.start, |(page, _)| page);
+        self.clear(self.page_after(page)).await
+    }
+
     /// Saves a configuration, unless it is already saved. The previous one stays valid until this completes.
     ///
     /// `uptime` is the time since the adapter started.
@@ -189,11 +204,11 @@ impl<F: NorFlash> Store<F> {
     /// # Errors
     ///
     /// [`Error`] has the reason.
-    pub async fn save(&mut self, config: &Config, uptime: Instant) -> Result<(), Error<F::Error>> {
+    pub async fn save(&mut self, config: &Config, uptime: Instant, erase: Erase) -> Result<(), Error<F::Error>> {
         config.check().map_err(Error::Config)?;
         let mut content = [0; MAX_RECORD - HEAD];
         let content = postcard::to_slice(&(LAYOUT, config), &mut content).map_err(|_| Error::VerifyFailed)?;
-        self.append(content, uptime).await
+        self.append(content, uptime, erase).await
     }
 
     /// Discards the saved configuration, by the same procedure as a [save](Self::save).
@@ -201,8 +216,8 @@ impl<F: NorFlash> Store<F> {
     /// # Errors
     ///
     /// [`Error`] has the reason.
-    pub async fn reset(&mut self, uptime: Instant) -> Result<(), Error<F::Error>> {
-        self.append(&[], uptime).await
+    pub async fn reset(&mut self, uptime: Instant, erase: Erase) -> Result<(), Error<F::Error>> {
+        self.append(&[], uptime, erase).await
     }
 
     /// Erases all pages without reading them: for a store whose content crashes a read. The budget begins anew.
@@ -216,8 +231,10 @@ impl<F: NorFlash> Store<F> {
     }
 
     /// Appends a record after the newest, or on the next page if that page is full or corrupted.
-    async fn append(&mut self, content: &[u8], uptime: Instant) -> Result<(), Error<F::Error>> {
-        let (page, sequence, left) = match self.newest().await?.0 {
+    async fn append(&mut self, content: &[u8], uptime: Instant, erase: Erase) -> Result<(), Error<F::Error>> {
+        let newest = self.newest().await?.0;
+        let has_record = newest.is_some();
+        let (page, sequence, left) = match newest {
             Some((_, newest)) if newest.content() == content => return Ok(()),
             Some((page, newest)) => (page, newest.sequence().wrapping_add(1), newest.left()),
             None => (self.range.start, 0, SAVE_BUDGET),
@@ -230,13 +247,44 @@ impl<F: NorFlash> Store<F> {
             });
         };
         let record = Record::new(sequence, left, content).ok_or(Error::VerifyFailed)?;
-        if self.push(page, &record).await.is_err() {
+        // The queue would erase a page without a record.
+        let pushed = match has_record || self.is_erased(page).await? {
+            true => self.push(page, &record).await,
+            false => Err(Error::NoRoom),
+        };
+        if let Err(failed) = pushed {
             let next = self.page_after(page);
-            self.queue(next).erase_all().await.map_err(error)?;
+            match erase {
+                Erase::Allowed => self.clear(next).await?,
+                Erase::Refused if self.is_erased(next).await? => {}
+                // The page may have had room.
+                Erase::Refused if matches!(failed, Error::Flash(_)) => return Err(failed),
+                Erase::Refused => return Err(Error::NoRoom),
+            }
             self.push(next, &record).await?;
         }
         self.credited = credited;
         Ok(())
+    }
+
+    /// Erases a page, unless it is erased.
+    async fn clear(&mut self, page: u32) -> Result<(), Error<F::Error>> {
+        match self.is_erased(page).await? {
+            true => Ok(()),
+            false => self.queue(page).erase_all().await.map_err(error),
+        }
+    }
+
+    /// Returns true if no byte of a page is written.
+    async fn is_erased(&mut self, page: u32) -> Result<bool, Error<F::Error>> {
+        for part in (page..page.saturating_add(F::ERASE_SIZE as u32)).step_by(MAX_RECORD) {
+            let mut bytes = [ERASED; MAX_RECORD];
+            self.flash.read(part, &mut bytes).await.map_err(Error::Flash)?;
+            if bytes.iter().any(|byte| *byte != ERASED) {
+                return Ok(false);
+            }
+        }
+        Ok(true)
     }
 
     /// The budget including the saves earned since, and the uptime up to which they are counted. A full budget earns
@@ -361,6 +409,7 @@ impl<E> From<Error<E>> for Failure {
     fn from(error: Error<E>) -> Self {
         match error {
             Error::TooManySaves { wait_s } => Self::TooManySaves { wait_s },
+            Error::NoRoom => Self::NoRoom,
             Error::Config(_) | Error::Flash(_) | Error::VerifyFailed => Self::Flash,
         }
     }
@@ -379,6 +428,7 @@ impl<E: fmt::Debug> fmt::Display for Error<E> {
             Self::Config(error) => error.fmt(f),
             Self::Flash(error) => write!(f, "the flash reports {error:?}"),
             Self::VerifyFailed => f.write_str("flash verification failed"),
+            Self::NoRoom => f.write_str("the flash has no room without an erase"),
             Self::TooManySaves { wait_s } => {
                 write!(f, "too many saves for the flash: retry in {wait_s} s")
             }

@@ -12,7 +12,7 @@ use crate::can::telemetry::{Errors, Sample, event_from_frame};
 use crate::can::{Frame, Function, Node};
 use crate::config::{ArmKind, Can, Config, ConfigError, Poll};
 use crate::control::{ArmIdentity, Event, Failure, FromAdapter, Identity, Reply, Request, Subscription, VERSION};
-use crate::{Action, Bridge, CanErrors, CanEvent, Instant, LineCoding, PACKET, Start, UartConfig, UsbEvent};
+use crate::{Action, Bridge, CanErrors, CanEvent, Erase, Instant, LineCoding, PACKET, Start, UartConfig, UsbEvent};
 
 fn quiet() -> Rig {
     Rig::new(Config::default())
@@ -382,7 +382,7 @@ fn firmware_saves_and_erases_configuration() {
     let saving = rig.request(Request::SaveConfig);
     assert_eq!(
         (&rig.replies[..], &rig.actions[..]),
-        (&[][..], &[Action::Save(config)][..])
+        (&[][..], &[Action::Save(config, Erase::Allowed)][..])
     );
     // One at a time.
     rig.request_on_can(1, Request::ResetConfig);
@@ -399,13 +399,32 @@ fn firmware_saves_and_erases_configuration() {
     assert_eq!(rig.replies, [(saving, Reply::Done)]);
 
     let reset = rig.request(Request::ResetConfig);
-    assert_eq!(rig.actions.last(), Some(&Action::Reset));
+    assert_eq!(rig.actions.last(), Some(&Action::Reset(Erase::Allowed)));
     assert_eq!(rig.bridge.config(), Config::default());
     rig.bridge.saved(Err(Failure::Flash), at(rig.now));
     rig.run(10);
     assert_eq!(rig.replies.last(), Some(&(reset, Reply::Failed(Failure::Flash))));
     let c = rig.bridge.counters();
     assert_eq!((c.config_saves, c.config_failures), (1, 1));
+}
+
+#[test]
+fn save_erases_only_while_no_host_has_the_port_open() {
+    let mut rig = quiet();
+    for (dtr, erase) in [(true, Erase::Refused), (false, Erase::Allowed)] {
+        rig.bridge.usb_event(UsbEvent::Dtr(dtr), at(rig.now));
+        for (request, action) in [
+            (Request::SaveConfig, Action::Save(Config::default(), erase)),
+            (Request::ResetConfig, Action::Reset(erase)),
+        ] {
+            rig.call(Request::SetConfig(Config::default()));
+            let saving = rig.request(request);
+            assert_eq!(rig.actions.pop(), Some(action));
+            rig.bridge.saved(Err(Failure::NoRoom), at(rig.now));
+            rig.run(10);
+            assert_eq!(rig.replies.pop(), Some((saving, Reply::Failed(Failure::NoRoom))));
+        }
+    }
 }
 
 #[test]
@@ -753,12 +772,15 @@ fn reset_reply_on_can_precedes_bus_change() {
     let mut rig = Rig::new(config);
     rig.request_on_can(7, Request::ResetConfig);
     rig.run(10_000);
-    assert_eq!(rig.actions, [Action::Reset]);
+    assert_eq!(rig.actions, [Action::Reset(Erase::Allowed)]);
     rig.bridge.saved(Ok(()), at(rig.now));
     rig.run(10_000);
     let reply = Reply::Done;
     assert_eq!(rig.can_control, [FromAdapter::Reply { sequence: 7, reply }]);
-    assert_eq!(rig.actions, [Action::Reset, Action::RestartCan(Can::default())]);
+    assert_eq!(
+        rig.actions,
+        [Action::Reset(Erase::Allowed), Action::RestartCan(Can::default())]
+    );
 }
 
 #[test]

@@ -8,7 +8,7 @@ use crate::config::{ArmKind, Can, Config, ConfigError, HostTimeout, Poll};
 use crate::control::{Identity, Reply, Request};
 use crate::start::Recovery;
 use crate::store::Saved;
-use crate::{Action, Bridge, Start, UsbEvent};
+use crate::{Action, Bridge, Erase, Start, UsbEvent};
 
 /// An adapter without CAN, and this configuration in its flash.
 fn started(saved: Config, start: Start) -> Rig {
@@ -90,7 +90,7 @@ fn saved_settings_of_the_bus_are_left_out() {
     let saved = Reply::Saved(Saved::Config(without_can()));
     assert_eq!(rig.replies.pop(), Some((sequence, saved)));
     rig.request(Request::SaveConfig);
-    assert_eq!(rig.actions, [Action::Save(without_can())]);
+    assert_eq!(rig.actions, [Action::Save(without_can(), Erase::Allowed)]);
 }
 
 #[test]
@@ -130,6 +130,6 @@ fn save_that_ends_recovery_starts_no_can() {
     rig.bridge.saved(Ok(()), at(rig.now));
     rig.run(1_000);
     assert_eq!(rig.call(Request::GetRecovery), Reply::Recovery { active: false });
-    assert_eq!(rig.actions, [Action::Save(Config::default())]);
+    assert_eq!(rig.actions, [Action::Save(Config::default(), Erase::Allowed)]);
     assert_eq!(rig.bridge.can_config(), None);
 }

@@ -10,7 +10,7 @@ use crate::config::{ArmKind, Can, Config, HostTimeout, Poll};
 use crate::control::{Event, Failure, Identity, Reply, Request, Subscription};
 use crate::start::{Cause, MAX_CRASHED_STARTS, Recovery, StartLog};
 use crate::store::Saved;
-use crate::{Action, Bridge, CanEvent, Start, UsbEvent};
+use crate::{Action, Bridge, CanEvent, Erase, Start, UsbEvent};
 
 /// An adapter in recovery.
 fn recovering(crashed_in_load: bool) -> Rig {
@@ -93,7 +93,7 @@ fn can_is_silent_until_configuration_is_saved() {
     assert!(c.requests_poll > 100);
 
     rig.request(Request::SaveConfig);
-    assert_eq!(rig.actions, [Action::Save(on_can())]);
+    assert_eq!(rig.actions, [Action::Save(on_can(), Erase::Allowed)]);
     rig.bridge.saved(Ok(()), at(rig.now));
     rig.run(1_000_000);
     assert_eq!(rig.replies.last().map(|(_, reply)| reply), Some(&Reply::Done));

@@ -443,8 +443,8 @@ impl World {
             Some(Action::Load) => self
                 .bridge
                 .loaded(done.then_some(Saved::Nothing).ok_or(Failure::Flash), self.now),
-            Some(Action::Save(_) | Action::Replace(_) | Action::Reset | Action::Erase) => {
-                if let Some(Action::Save(config)) = action {
+            Some(Action::Save(..) | Action::Replace(_) | Action::Reset(_) | Action::Erase) => {
+                if let Some(Action::Save(config, _)) = action {
                     assert_eq!(config.check(), Ok(()));
                 }
                 self.bridge.saved(done.then_some(()).ok_or(Failure::Flash), self.now);

@@ -588,7 +588,7 @@ impl Rig {
 
     fn act(&mut self, action: Action) {
         match action {
-            Action::Save(_) | Action::Reset => {
+            Action::Save(..) | Action::Reset(_) => {
                 assert!(!self.oracle.is_armed(), "flash is written while a stream is armed");
                 self.saved = true;
                 self.now += self.save_duration;

@@ -198,6 +198,8 @@ fn saves_beyond_budget_are_refused_after_power_cycle() {
     let mut board = board(ling());
     let board = &mut board;
     let mut control = Control::open(board);
+    // An open port refuses erases.
+    board.usb().set_control_lines(false, false).unwrap();
     let mut save = |board: &mut VirtualBoard<_>, after_ms| {
         let mut config = Config::default();
         config.host_timeout.after_ms = after_ms;

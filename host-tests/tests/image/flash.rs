@@ -2,12 +2,14 @@
 //!
 //! Only the STM32F405 has a minimum voltage for writes: the STM32G431 erases and programs at any supply at which it runs.
 
-use armwire::ling::JOINTS;
+use std::ops::Range;
+
+use armwire::ling::{JOINTS, Request};
 use armwire_bridge::config::Config;
 use armwire_bridge::control::{self, Reply};
 use armwire_host_tests::image::{
-    Control, MEGABAUD, RawArm, board_config, chip, counters, exchange, expect_exact_frames, facts, joint_answer, noise,
-    on_board_with, open, plug_in, read_all, same_bytes,
+    Control, MEGABAUD, Program, RawArm, board_config, chip, counters, exchange, expect_exact_frames, facts,
+    joint_answer, noise, on_board_with, open, plug_in, read_all, same_bytes,
 };
 use armwire_sim::ling::LingArm;
 use armwire_virtual_board::line::Arm;
@@ -19,15 +21,25 @@ fn ling() -> LingArm {
     LingArm::new(armwire_sim::ling::Config::follower())
 }
 
-/// A board on which a save begins with an erase: both sectors or pages are full.
-fn with_full_flash<A: Arm>(arm: A, timing: Timing) -> BoardConfig<A> {
-    let mut contents = vec![0xFF; chip().flash_size()];
-    contents[facts(chip()).config_flash].fill(0x5A);
-    BoardConfig {
-        flash: Some(contents),
+/// Runs a test on a board with flash operations of this duration.
+fn on_board_timed<A: Arm>(arm: A, timing: Timing, test: impl FnOnce(&mut VirtualBoard<A>)) {
+    let config = BoardConfig {
         timing,
         ..board_config(arm)
-    }
+    };
+    on_board_with(config, test);
+}
+
+/// Fills both sectors or pages of a board that has started: a save begins with an erase, unless the port is open. The port
+/// of a host without DTR counts as closed.
+fn fill<A: Arm>(board: &mut VirtualBoard<A>) {
+    fill_pages(board, facts(chip()).config_flash);
+}
+
+fn fill_pages<A: Arm>(board: &mut VirtualBoard<A>, place: Range<usize>) {
+    board.usb().attach();
+    board.usb().open_without_dtr(0, LineCoding::new(MEGABAUD)).unwrap();
+    assert!(board.write_flash(place.start, &vec![0x5A; place.len()]));
 }
 
 fn save(board: &mut VirtualBoard<LingArm>, control: &mut Control, after_ms: u16) -> Reply {
@@ -40,8 +52,8 @@ fn save(board: &mut VirtualBoard<LingArm>, control: &mut Control, after_ms: u16)
 #[test]
 fn erase_takes_the_time_of_whole_words() {
     for (timing, takes) in [Timing::Typical, Timing::Worst].into_iter().zip(facts(chip()).erase) {
-        on_board_with(with_full_flash(ling(), timing), |board| {
-            plug_in(board, MEGABAUD);
+        on_board_timed(ling(), timing, |board| {
+            fill(board);
             let mut control = Control::open(board);
             assert_eq!(save(board, &mut control, 700), Reply::Done);
             let erases = board.erases();
@@ -55,7 +67,7 @@ fn erase_takes_the_time_of_whole_words() {
 
 /// Saves, and sends `len` bytes from the arm, `after` the start of the erase. Returns what the host received.
 fn send_during_erase(board: &mut VirtualBoard<RawArm>, len: usize, after: Nanos) -> Vec<u8> {
-    plug_in(board, MEGABAUD);
+    fill(board);
     let mut control = Control::open(board);
     let mut config = Config::default();
     config.host_timeout.after_ms = 700;
@@ -80,7 +92,7 @@ fn bytes_during_erase_arrive_as_far_as_the_ring_has_room() {
     let nearly = Nanos(facts(chip()).erase[0].0 - 3_000_000);
     for after in [Nanos::from_millis(1), nearly] {
         for len in [7, ROOM] {
-            on_board_with(with_full_flash(RawArm::default(), Timing::Typical), |board| {
+            on_board_timed(RawArm::default(), Timing::Typical, |board| {
                 let received = send_during_erase(board, len, after);
                 same_bytes("the host", &received, &noise(1, len));
                 assert_eq!(
@@ -97,7 +109,7 @@ fn bytes_during_erase_arrive_as_far_as_the_ring_has_room() {
 fn bytes_during_erase_beyond_the_ring_are_counted_as_overrun() {
     // The ring has 1,024 bytes. These end within its first and second turn.
     for len in [1_100, 1_500, 1_900, 2_000, 2_500, 3_000] {
-        on_board_with(with_full_flash(RawArm::default(), Timing::Typical), |board| {
+        on_board_timed(RawArm::default(), Timing::Typical, |board| {
             let after = Nanos::from_millis(1);
             let received = send_during_erase(board, len, after);
             let sent = noise(1, len);
@@ -112,31 +124,22 @@ fn bytes_during_erase_beyond_the_ring_are_counted_as_overrun() {
     }
 }
 
-/// The change of the rate is due at the end of the erase, when the ring is full of frames.
+/// The change of the rate is due at the end of the erase, when the ring is full of frames: the host's packet takes the line.
 #[test]
 fn frames_during_erase_arrive_before_change_of_rate() {
     const FRAMES: u16 = 12;
-    const CHANGE: u64 = 100_000_000;
-    on_board_with(with_full_flash(RawArm::default(), Timing::Typical), |board| {
-        plug_in(board, MEGABAUD);
+    on_board_timed(RawArm::default(), Timing::Typical, |board| {
+        fill(board);
         let mut control = Control::open(board);
-        control.subscribe(board);
         board.usb().set_line_coding(LineCoding::new(115_200)).unwrap();
-        let half = facts(chip()).erase[0].0 / 2;
-        board.run_for(Nanos(CHANGE.saturating_sub(half))).unwrap();
         control.send(board, control::Request::SaveConfig);
         board.run_for(Nanos::from_millis(2)).unwrap();
+        board.usb().write(&[1]).unwrap();
         let frames: Vec<u8> = (0..FRAMES).flat_map(|nth| joint_answer([nth; JOINTS])).collect();
         board.uart().forget_bytes();
         board.with_arm(|arm| arm.send(&frames));
         assert_eq!(control.reply(board), Reply::Done);
         same_bytes("the host", &read_all(board), &frames);
-        // The STM32s stamp by an interrupt handler, which waits for the flash.
-        if chip() == Chip::Rp2040 {
-            expect_exact_frames(board, &mut control, frames.len() / usize::from(FRAMES));
-            assert_eq!(counters(board).late_stamps, 0);
-        }
-        board.run_for(Nanos(CHANGE)).unwrap();
         assert!(board.uart().baud().unwrap() < 116_000);
     });
 }
@@ -151,8 +154,8 @@ fn frames_during_erase_have_exact_stamps() {
     let erase = facts(chip()).erase[0];
     // Some arrive before the erase, or behind it, between the writes.
     for begin in [Nanos(0), Nanos(erase.0 - 4_000_000)] {
-        on_board_with(with_full_flash(RawArm::default(), Timing::Typical), |board| {
-            plug_in(board, MEGABAUD);
+        on_board_timed(RawArm::default(), Timing::Typical, |board| {
+            fill(board);
             let mut control = Control::open(board);
             control.subscribe(board);
             control.send(board, control::Request::SaveConfig);
@@ -175,8 +178,8 @@ fn save_is_refused_at_low_supply() {
     if chip() != Chip::Stm32f405 {
         return;
     }
-    on_board_with(with_full_flash(ling(), Timing::Typical), |board| {
-        plug_in(board, MEGABAUD);
+    on_board_timed(ling(), Timing::Typical, |board| {
+        fill(board);
         let mut control = Control::open(board);
         let before = counters(board);
         let held = board.flash();
@@ -245,7 +248,9 @@ const LATER_MS: u16 = 900;
 fn before_saves() -> [Saved; 2] {
     let mut board = VirtualBoard::start(board_config(ling())).unwrap();
     let board = &mut board;
-    plug_in(board, MEGABAUD);
+    // The second page is full after half of the budget of saves.
+    let pages = facts(chip()).config_flash;
+    fill_pages(board, pages.start..pages.start + pages.len() / 2);
     let mut control = Control::open(board);
     let mut save_next = |board: &mut _, after_ms| {
         assert_eq!(save(board, &mut control, after_ms), Reply::Done);
@@ -267,14 +272,16 @@ fn before_saves() -> [Saved; 2] {
 /// Cuts the power in this flash operation of a save, and starts the board again. Returns false if the save has fewer.
 fn interrupt_save(before: &Saved, ecc_register: EccRegister, operation: u32) -> bool {
     let mut board = VirtualBoard::start(BoardConfig {
-        flash: Some(before.flash.clone()),
         ecc_register,
         seed: operation.into(),
         ..board_config(ling())
     })
     .unwrap();
     let board = &mut board;
-    plug_in(board, MEGABAUD);
+    fill(board);
+    // A start with this content would make room.
+    let pages = facts(chip()).config_flash;
+    assert!(board.write_flash(pages.start, &before.flash[pages]));
     let mut control = Control::open(board);
     let mut config = Config::default();
     config.host_timeout.after_ms = NEW_MS;
@@ -293,7 +300,39 @@ fn interrupt_save(before: &Saved, ecc_register: EccRegister, operation: u32) -> 
     };
     let kept = kept.host_timeout.after_ms;
     assert!(kept == before.after_ms || kept == NEW_MS, "{kept} ms");
-    assert_eq!(save(board, &mut control, LATER_MS), Reply::Done);
+    expect_sound_after_power_cut(board, &mut control);
+    true
+}
+
+/// Cuts the power in this flash operation of a start that makes room, and starts the board again. Returns false if there are
+/// fewer.
+fn interrupt_start(before: &Saved, operation: u32) -> bool {
+    let mut board = VirtualBoard::start(BoardConfig {
+        flash: Some(before.flash.clone()),
+        power_cut_after: Some(operation),
+        seed: operation.into(),
+        ..board_config(ling())
+    })
+    .unwrap();
+    let board = &mut board;
+    match board.run_for(Nanos::from_millis(600)) {
+        Ok(()) => return false,
+        Err(Error::PowerCut { .. }) => board.power_cycle().unwrap(),
+        Err(error) => panic!("{error}"),
+    }
+    plug_in(board, MEGABAUD);
+    let mut control = Control::open(board);
+    let Reply::Config(kept) = control.call(board, control::Request::GetConfig) else {
+        panic!("no configuration")
+    };
+    assert_eq!(kept.host_timeout.after_ms, before.after_ms);
+    expect_sound_after_power_cut(board, &mut control);
+    true
+}
+
+/// A save works, and no start but that after the power cut has a cause.
+fn expect_sound_after_power_cut(board: &mut VirtualBoard<LingArm>, control: &mut Control) {
+    assert_eq!(save(board, control, LATER_MS), Reply::Done);
     let counted = counters(board);
     assert_eq!(
         (counted.panics, counted.hard_faults, counted.watchdog_resets),
@@ -303,7 +342,71 @@ fn interrupt_save(before: &Saved, ecc_register: EccRegister, operation: u32) -> 
     report.check().unwrap();
     let causes: Vec<Cause> = report.restarts.iter().map(|restart| restart.cause).collect();
     assert_eq!(causes, [Cause::Power]);
-    true
+}
+
+#[test]
+fn interrupted_start_keeps_configuration() {
+    let [_, full] = before_saves();
+    let operations = (0..).take_while(|&operation| interrupt_start(&full, operation)).count();
+    assert_eq!(operations, 1, "an erase");
+}
+
+/// Reads of the arm's pose beside them, as by a program on the port.
+#[test]
+fn reads_beside_100_saves_take_no_longer() {
+    const SAVES: u16 = 100;
+    const LIMIT: Nanos = Nanos::from_millis(20);
+    for timing in [Timing::Typical, Timing::Worst] {
+        on_board_timed(ling(), timing, |board| {
+            plug_in(board, MEGABAUD);
+            let mut control = Control::open(board);
+            let mut program = Program::default();
+            for nth in 0..SAVES {
+                let mut config = Config::default();
+                config.host_timeout.after_ms = 700 + nth;
+                control.order(board, control::Request::SetConfig(config));
+                control.send(board, control::Request::SaveConfig);
+                for _ in 0..2 {
+                    let before = board.now();
+                    assert!(program.call(board, Request::ReadJoints).is_some());
+                    let took = board.now().since(before);
+                    assert!(took <= LIMIT, "{took:?} beside save {nth}");
+                }
+                assert_eq!(control.reply(board), Reply::Done, "save {nth}");
+            }
+            assert_eq!(board.erases(), []);
+        });
+    }
+}
+
+#[test]
+fn save_without_room_waits_for_closed_port_or_start() {
+    on_board_timed(ling(), Timing::Typical, |board| {
+        plug_in(board, MEGABAUD);
+        fill(board);
+        let mut control = Control::open(board);
+        let refused = Reply::Failed(control::Failure::NoRoom);
+        assert_eq!(save(board, &mut control, 700), refused);
+        assert_eq!(control.call(board, control::Request::ResetConfig), refused);
+        assert_eq!(board.erases(), []);
+        board.usb().set_control_lines(false, false).unwrap();
+        assert_eq!(save(board, &mut control, 700), Reply::Done);
+        assert_eq!(board.erases().len(), 1);
+    });
+    let mut contents = vec![0xFF; chip().flash_size()];
+    contents[facts(chip()).config_flash].fill(0x5A);
+    let config = BoardConfig {
+        flash: Some(contents),
+        ..board_config(ling())
+    };
+    on_board_with(config, |board| {
+        plug_in(board, MEGABAUD);
+        let erases = board.erases();
+        assert_eq!(erases.len(), 1);
+        let mut control = Control::open(board);
+        assert_eq!(save(board, &mut control, 700), Reply::Done);
+        assert_eq!(board.erases(), erases);
+    });
 }
 
 #[test]

@@ -272,6 +272,10 @@ impl Engine for Rp2040 {
     /// The flash reports no errors.
     fn break_flash(&mut self, _: Range<usize>) {}
 
+    fn write_flash(&mut self, offset: usize, bytes: &[u8]) {
+        self.commands.flash(offset, bytes);
+    }
+
     fn log(&mut self) -> Vec<u8> {
         Vec::new()
     }

@@ -65,6 +65,11 @@ impl ToHost {
         self.state != State::Detached
     }
 
+    /// Returns true if a host has the port open, as far as DTR shows.
+    pub(crate) fn is_open(&self) -> bool {
+        self.state == State::Open
+    }
+
     /// The host enabled or disabled the adapter's configuration.
     pub(crate) fn configured(&mut self, configured: bool, counters: &mut Counters) {
         self.forget(counters);

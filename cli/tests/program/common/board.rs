@@ -196,7 +196,7 @@ impl Served {
     fn act(&mut self, now: time::Instant) {
         match self.bridge.action(now) {
             // The configuration need not be stored: this board never restarts.
-            Some(Action::Save(_) | Action::Replace(_) | Action::Reset | Action::Erase) => {
+            Some(Action::Save(..) | Action::Replace(_) | Action::Reset(_) | Action::Erase) => {
                 self.bridge.saved(Ok(()), now);
             }
             Some(Action::Load) => self.bridge.loaded(Ok(SAVED), now),

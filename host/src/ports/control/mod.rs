@@ -275,6 +275,11 @@ fn describe(failure: Failure) -> Text {
             format!("not saved: the budget of saves, which limits flash wear, is used up; next save in {wait_s} s")
         }
         Failure::SupplyLow => "not saved: the adapter's 3.3 V supply is below 2.9 V, too low to write flash".to_owned(),
+        Failure::NoRoom => {
+            "not saved: the flash is full, and an erase would stall the adapter, whose serial port a program has open. \
+             Close that program and save again, or restart the adapter"
+                .to_owned()
+        }
         Failure::ArmSilent => {
             "the arm does not answer. It may still move: switch its supply off. Motion is refused for 2 s".to_owned()
         }
