@@ -20,7 +20,7 @@ impl Cpu {
                 return Ok(value);
             }
             if !self.clock.flash_waits
-                && !self.memory.flash_reads_on_bus
+                && !self.memory.flash_loads_on_bus
                 && let Some(value) = self.memory.flash.read::<BYTES>(address)
             {
                 return Ok(value);
@@ -124,7 +124,7 @@ impl Cpu {
     /// MemA_with_priv[] for a read (B2.3.4). The address is aligned.
     fn load_one(&mut self, bus: &mut dyn Bus, address: u32, width: Width, privileged: bool) -> Result<u32, Trap> {
         self.check_protection(address, AccessKind::Read, privileged)?;
-        if !self.memory.flash_reads_on_bus
+        if !self.memory.flash_loads_on_bus
             && let Some(value) = self.memory.read(address, width)
         {
             if self.clock.flash_waits && self.memory.ram.read::<1>(address).is_none() {
@@ -250,7 +250,7 @@ impl Cpu {
         {
             return Err(Fault::FetchProtection.into());
         }
-        let stored = if self.memory.flash_reads_on_bus {
+        let stored = if self.memory.flash_fetches_on_bus {
             self.memory.read_ram(address, Width::Half)
         } else {
             self.memory.read(address, Width::Half)

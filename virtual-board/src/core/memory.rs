@@ -140,10 +140,14 @@ fn hull(a: &Range<usize>, b: Range<usize>) -> Range<usize> {
 pub struct Memory {
     pub(super) flash: Region,
     pub(super) ram: Region,
-    /// True if the core's reads of flash go to the bus.
-    pub(super) flash_reads_on_bus: bool,
-    /// True if the chip requires that.
+    /// True if the core's loads from flash go to the bus.
+    pub(super) flash_loads_on_bus: bool,
+    /// True if its fetches do.
+    pub(super) flash_fetches_on_bus: bool,
+    /// True if the chip requires both.
     chip_checks_reads: bool,
+    /// True if the chip requires it for loads.
+    chip_answers_loads: bool,
     /// Offsets of the flash whose reads are bus errors.
     unreadable: Range<usize>,
 }
@@ -154,8 +158,10 @@ impl Memory {
         Self {
             flash: Region::new(flash_base, flash),
             ram: Region::new(ram_base, vec![0; ram_size]),
-            flash_reads_on_bus: false,
+            flash_loads_on_bus: false,
+            flash_fetches_on_bus: false,
             chip_checks_reads: false,
+            chip_answers_loads: false,
             unreadable: 0..0,
         }
     }
@@ -175,17 +181,26 @@ impl Memory {
     pub fn set_flash_reads_on_bus(&mut self, on: bool) {
         self.chip_checks_reads = on;
         self.choose_path();
+        self.flash.note_change_of_all();
+    }
+
+    /// Redirects the core's loads from flash to [`Bus::read`](super::Bus::read), while a cache answers some of them with
+    /// another content.
+    pub fn set_flash_loads_on_bus(&mut self, on: bool) {
+        self.chip_answers_loads = on;
+        self.choose_path();
     }
 
     /// Makes reads of these offsets of the flash bus errors, until one of the bytes changes.
     pub fn break_flash(&mut self, offsets: Range<usize>) {
         self.unreadable = offsets;
         self.choose_path();
+        self.flash.note_change_of_all();
     }
 
     fn choose_path(&mut self) {
-        self.flash_reads_on_bus = self.chip_checks_reads || !self.unreadable.is_empty();
-        self.flash.note_change_of_all();
+        self.flash_fetches_on_bus = self.chip_checks_reads || !self.unreadable.is_empty();
+        self.flash_loads_on_bus = self.flash_fetches_on_bus || self.chip_answers_loads;
     }
 
     /// Changes the flash content from this offset in bytes. `None`, without a change, unless all bytes are inside.
@@ -244,7 +259,7 @@ impl Memory {
     pub(super) fn is_fetched_plainly(&self, address: u32) -> bool {
         let [in_flash, in_ram] =
             [&self.flash, &self.ram].map(|region| region.contains(address) && region.contains(address.wrapping_add(2)));
-        in_ram || in_flash && !self.flash_reads_on_bus
+        in_ram || in_flash && !self.flash_fetches_on_bus
     }
 
     /// Records that the instruction at this address must be decoded again.
@@ -282,16 +297,16 @@ mod tests {
         memory.break_flash(8..16);
         let readable = |memory: &Memory| [0x804, 0x808, 0x80C, 0x810].map(|at| memory.read(at, Width::Word).is_some());
         assert_eq!(
-            (readable(&memory), memory.flash_reads_on_bus),
+            (readable(&memory), memory.flash_loads_on_bus),
             ([true, false, false, true], true)
         );
         memory.program(0, &[0xFF; 8]).unwrap();
         assert_eq!(readable(&memory), [true, false, false, true]);
         memory.program(12, &[0xFF; 4]).unwrap();
-        assert_eq!((readable(&memory), memory.flash_reads_on_bus), ([true; 4], false));
+        assert_eq!((readable(&memory), memory.flash_loads_on_bus), ([true; 4], false));
         memory.set_flash_reads_on_bus(true);
         memory.break_flash(8..16);
         memory.break_flash(0..0);
-        assert!(memory.flash_reads_on_bus);
+        assert!(memory.flash_loads_on_bus);
     }
 }

@@ -1,11 +1,12 @@
 //! The memory behind a flash interface: operations take time, end at a loss of power or a reset, or fail.
 
+use std::collections::BTreeMap;
 use std::ops::Range;
 
 use crate::core::{FlashTiming, Memory, Width};
 use crate::flash::{ERASED, Flash, erased_in_part, programmed_in_part};
 use crate::shared::{Shared, lock};
-use crate::soc::peripheral::{Peripheral, Refused};
+use crate::soc::peripheral::{Peripheral, Refused, forbidden};
 use crate::time::Nanos;
 
 /// Bytes of a word in [`Flash`].
@@ -37,6 +38,41 @@ impl Caches {
             code_lines: lines(acr::ICEN, self.code, 1),
             data_lines: lines(acr::DCEN, self.data, 0),
             prefetch: acr & acr::PRFTEN != 0,
+        }
+    }
+}
+
+/// The content of the data cache where it differs from the flash.
+///
+/// An erase does not change the cache (RM0090 3.6.4, RM0440 5.3.7), a write changes both. This cache is the worst one: while
+/// it is enabled it takes each word, and it replaces none. A reset of the chip empties it.
+#[derive(Clone, Debug, Default)]
+struct DataCache {
+    enabled: bool,
+    /// True if it may hold words: it has been enabled since it was emptied.
+    filled: bool,
+    /// The words that an erase has changed in the flash, as the cache has them.
+    stale: BTreeMap<usize, u64>,
+}
+
+impl DataCache {
+    fn enable(&mut self, enabled: bool) {
+        self.enabled = enabled;
+        self.filled |= enabled;
+    }
+
+    /// Follows the change of a word in the flash by a function of its old content.
+    fn follow(&mut self, operation: &Operation, word: usize, old: u64, new: impl Fn(u64) -> u64) {
+        match operation {
+            Operation::Erase(_) if self.filled => {
+                self.stale.entry(word).or_insert(old);
+            }
+            Operation::Program { .. } => {
+                if let Some(cached) = self.stale.get_mut(&word) {
+                    *cached = new(*cached);
+                }
+            }
+            Operation::Erase(_) | Operation::Options => {}
         }
     }
 }
@@ -139,6 +175,7 @@ pub(crate) struct Array {
     started: Option<Started>,
     /// Time of the loss of power.
     cut: Option<Nanos>,
+    cache: DataCache,
 }
 
 impl Array {
@@ -147,7 +184,40 @@ impl Array {
             flash,
             started: None,
             cut: None,
+            cache: DataCache::default(),
         }
+    }
+
+    /// Empties the data cache, as at a reset, with this value of ACR.
+    pub(crate) fn restart_cache(&mut self, acr: u32) {
+        self.cache = DataCache::default();
+        self.cache.enable(acr & acr::DCEN != 0);
+    }
+
+    /// Follows a write of ACR. A cache can be reset only while it is disabled (RM0090 3.9.1, RM0440 5.7.1).
+    pub(crate) fn follow_acr(&mut self, old: u32, new: u32) -> Result<(), Refused> {
+        let resets_in_use = |reset, enable| new & reset != 0 && old & enable != 0;
+        if resets_in_use(acr::ICRST, acr::ICEN) || resets_in_use(acr::DCRST, acr::DCEN) {
+            return Err(forbidden("ACR", "a cache reset while it is enabled"));
+        }
+        if new & acr::DCRST != 0 {
+            self.cache = DataCache::default();
+        }
+        self.cache.enable(new & acr::DCEN != 0);
+        Ok(())
+    }
+
+    /// Returns true if a load may get another content than that of the flash.
+    pub(crate) fn is_stale(&self) -> bool {
+        !self.cache.stale.is_empty()
+    }
+
+    /// The answer of the data cache to a load at this offset, if it differs from the flash.
+    pub(crate) fn cached(&self, offset: u32, width: Width) -> Option<u32> {
+        let word = self.cache.stale.get(&(offset as usize / WORD));
+        let shift = 8 * (offset as usize % WORD);
+        word.filter(|_| self.cache.enabled)
+            .map(|word| (word >> shift) as u32 & width.mask())
     }
 
     /// The supply voltage, in millivolts.
@@ -207,31 +277,33 @@ impl Array {
     }
 
     /// Changes the words of an operation.
-    pub(crate) fn complete(&self, operation: &Operation, memory: &mut Memory) {
-        self.change(operation.words(), memory, |old, _| match operation {
+    pub(crate) fn complete(&mut self, operation: &Operation, memory: &mut Memory) {
+        self.change(operation, memory, |old, _| match operation {
             Operation::Program { bits, .. } => old & bits,
             _ => u64::from_le_bytes([ERASED; WORD]),
         });
     }
 
     /// Changes some bits of the words of an operation.
-    pub(crate) fn half_do(&self, operation: &Operation, memory: &mut Memory) {
-        self.change(operation.words(), memory, |old, chance| match operation {
+    pub(crate) fn half_do(&mut self, operation: &Operation, memory: &mut Memory) {
+        self.change(operation, memory, |old, chance| match operation {
             Operation::Program { bits, .. } => programmed_in_part(old, *bits, chance),
             _ => erased_in_part(old, chance),
         });
     }
 
-    /// Changes words by a function of their old content and random bits.
-    fn change(&self, words: Range<usize>, memory: &mut Memory, new: impl Fn(u64, u64) -> u64) {
+    /// Changes the words of an operation by a function of their old content and random bits.
+    fn change(&mut self, operation: &Operation, memory: &mut Memory, new: impl Fn(u64, u64) -> u64) {
         let mut flash = lock(&self.flash);
-        for word in words {
+        for word in operation.words() {
             let old = u64::from_le_bytes(flash.get(word));
-            let new = new(old, flash.chance(word));
-            if new != old {
-                flash.set(word, new.to_le_bytes());
-                memory.program(word * WORD, &new.to_le_bytes());
+            let chance = flash.chance(word);
+            let changed = new(old, chance);
+            if changed != old {
+                flash.set(word, changed.to_le_bytes());
+                memory.program(word * WORD, &changed.to_le_bytes());
             }
+            self.cache.follow(operation, word, old, |old| new(old, chance));
         }
     }
 

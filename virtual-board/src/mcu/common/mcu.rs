@@ -398,6 +398,11 @@ impl<P: Peripherals> Mcu<P> {
         }
     }
 
+    /// Lets the chip answer the core's loads from flash while its data cache differs from the flash.
+    fn follow_cache(&self, memory: &mut Memory) {
+        memory.set_flash_loads_on_bus(self.peripherals.flash().array().is_stale());
+    }
+
     /// Applies the reset bits of RCC after a write.
     fn follow_resets(&mut self) {
         if !self.peripherals.gates().holds_any() {
@@ -463,7 +468,10 @@ impl<P: Peripherals> Mcu<P> {
     fn advance(&mut self, slot: Slot, memory: &mut Memory) {
         let now = self.common.now;
         match slot {
-            Slot::Flash => self.peripherals.flash_mut().finish(now, memory),
+            Slot::Flash => {
+                self.peripherals.flash_mut().finish(now, memory);
+                self.follow_cache(memory);
+            }
             Slot::Dma => self.step_dma(memory),
             _ => self.peripherals.peripheral(P::EVENTS[slot as usize]).advance(now),
         }
@@ -507,6 +515,7 @@ impl<P: Peripherals> Mcu<P> {
     /// Resets everything that a system reset resets, except the clocks.
     fn reset(&mut self, memory: &mut Memory) {
         self.peripherals.flash_mut().restart(memory);
+        self.follow_cache(memory);
         for block in self.peripherals.blocks() {
             self.peripherals.reset_block(block, self.common.now);
         }
@@ -539,7 +548,13 @@ impl<P: Peripherals> Bus for Mcu<P> {
         self.common.come_to(access);
         if let Some(offset) = Self::flash_offset(access.address) {
             self.common.nmi |= self.peripherals.flash_mut().check_read(offset);
-            return memory.read(access.address, access.width).ok_or(BusError);
+            let cached = match access.purpose {
+                Purpose::Data => self.peripherals.flash().array().cached(offset, access.width),
+                Purpose::Fetch | Purpose::Debug => None,
+            };
+            return cached
+                .or_else(|| memory.read(access.address, access.width))
+                .ok_or(BusError);
         }
         if is_system_memory(access) {
             return self.read_system_memory(access);
@@ -561,7 +576,7 @@ impl<P: Peripherals> Bus for Mcu<P> {
         Ok(value)
     }
 
-    fn write(&mut self, access: Access, value: u32, _: &mut Memory) -> Result<(), BusError> {
+    fn write(&mut self, access: Access, value: u32, memory: &mut Memory) -> Result<(), BusError> {
         self.common.come_to(access);
         self.common.trace(access, value);
         let (name, written) = if let Some(offset) = Self::flash_offset(access.address) {
@@ -574,8 +589,10 @@ impl<P: Peripherals> Bus for Mcu<P> {
                 return Ok(());
             };
             let written = self.write_register(block.kind, offset, value);
-            if Self::slot(block.kind) == Some(Slot::Rcc) {
-                self.peripherals.gates_mut().start(access.cycle);
+            match Self::slot(block.kind) {
+                Some(Slot::Rcc) => self.peripherals.gates_mut().start(access.cycle),
+                Some(Slot::Flash) => self.follow_cache(memory),
+                _ => {}
             }
             (block.name, written)
         };

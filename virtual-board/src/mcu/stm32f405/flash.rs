@@ -3,6 +3,7 @@
 //! | Behaviour | Section |
 //! |---|---|
 //! | Wait states, prefetch, caches | 3.5.1, 3.5.2 |
+//! | The data cache keeps what an erase changes, until it is reset | 3.6.4, 3.9.1 |
 //! | Keys and the lock of CR and of OPTCR; a wrong key locks until the next reset | 3.6.1, 3.7.2 |
 //! | An erase sets every bit of the sector, or of all, at its end | 3.6.3 |
 //! | A store programs while PG is set: it only clears bits, and BSY is set meanwhile | 3.6.4 |
@@ -139,7 +140,8 @@ impl Interface {
     }
 
     /// The reset state of the interface, with these option bytes.
-    fn with(array: Array, options: u32) -> Self {
+    fn with(mut array: Array, options: u32) -> Self {
+        array.restart_cache(0);
         Self {
             array,
             acr: 0,
@@ -302,10 +304,7 @@ impl Interface {
 
     fn write_acr(&mut self, value: u32) -> Result<(), Refused> {
         check_modelled("ACR", value, acr::MODELLED)?;
-        let resets_in_use = |reset, enable| value & reset != 0 && self.acr & enable != 0;
-        if resets_in_use(acr::ICRST, acr::ICEN) || resets_in_use(acr::DCRST, acr::DCEN) {
-            return Err(forbidden("ACR", "3.9.1: a cache reset while it is enabled"));
-        }
+        self.array.follow_acr(self.acr, value)?;
         self.acr = value;
         Ok(())
     }

@@ -4,6 +4,7 @@
 //! | Behaviour | Section |
 //! |---|---|
 //! | Wait states, prefetch, caches | 5.3.3, 5.3.4 |
+//! | The data cache keeps what an erase changes, until it is reset | 5.3.7, 5.7.1 |
 //! | Keys and the lock of CR; a wrong key locks until the next reset | 5.3.5 |
 //! | An erase sets every bit of the page, or of all, at its end | 5.3.6 |
 //! | Two stores of 32 bits program a double word, which must be erased | 5.3.7 |
@@ -167,7 +168,8 @@ impl Interface {
     }
 
     /// The reset state of the interface, with these ECC errors.
-    fn with(array: Array, errors: EccErrors) -> Self {
+    fn with(mut array: Array, errors: EccErrors) -> Self {
+        array.restart_cache(acr::AT_RESET);
         Self {
             array,
             acr: acr::AT_RESET,
@@ -346,7 +348,10 @@ impl Peripheral for Interface {
     fn write(&mut self, offset: u32, value: u32, now: Nanos) -> Result<(), Refused> {
         match offset {
             ACR if value & !acr::MODELLED != 0 => return Err(Refused::Unimplemented("ACR")),
-            ACR => self.acr = value,
+            ACR => {
+                self.array.follow_acr(self.acr, value)?;
+                self.acr = value;
+            }
             KEYR => self.write_key(value)?,
             SR => self.sr &= !(value & sr::CLEARABLE),
             CR => self.write_cr(value, now)?,

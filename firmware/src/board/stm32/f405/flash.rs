@@ -114,8 +114,8 @@ fn erase_words() {
     control.modify(|w| w.set_psize(Psize::PSIZE32));
 }
 
-/// Invalidates the data cache, which does not follow erases and writes (RM0090 3.6). The HAL does so only on chips with
-/// two banks.
+/// Invalidates the data cache, which does not follow erases (RM0090 3.6.4). The HAL does so only on chips with two banks,
+/// behind erases and writes. By the manual the cache follows a write, and ST's HAL relies on it.
 fn invalidate_cache() {
     let control = pac::FLASH.acr();
     // It can be invalidated only while it is disabled (3.9.2, DCRST).

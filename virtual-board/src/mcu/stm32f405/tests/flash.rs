@@ -3,11 +3,15 @@
 use super::*;
 use crate::flash::SIZE;
 
+const ACR: u32 = 0x4002_3C00;
 const KEYR: u32 = 0x4002_3C04;
 const SR: u32 = 0x4002_3C0C;
 const CR: u32 = 0x4002_3C10;
 const OPTKEYR: u32 = 0x4002_3C08;
 const OPTCR: u32 = 0x4002_3C14;
+
+const DCEN: u32 = 1 << 10;
+const DCRST: u32 = 1 << 12;
 
 const PG: u32 = 1 << 0;
 const SER: u32 = 1 << 1;
@@ -78,6 +82,67 @@ fn erase_sets_only_its_sector_after_its_time() {
         assert_eq!(bench.byte(0x0800_0000 + start), 0xFF, "as read by the core");
         assert!(!bench.part.peripherals.flash.is_busy());
     }
+}
+
+#[test]
+fn data_cache_keeps_erased_word_until_its_reset() {
+    let mut bench = unlocked();
+    bench.fill(0x5A);
+    bench.write(ACR, DCEN);
+    bench.write(CR, SER | 1 << SNB_AT | X32 | STRT);
+    bench.run_for(Nanos::from_millis(250));
+    assert_eq!(bench.flash_word(SECTOR_1), !0);
+    assert_eq!(bench.read(SECTOR_1), 0x5A5A_5A5A);
+    bench.write(ACR, 0);
+    assert_eq!(bench.read(SECTOR_1), !0, "past the cache");
+    bench.write(ACR, DCEN);
+    assert_eq!(bench.read(SECTOR_1), 0x5A5A_5A5A);
+    for value in [0, DCRST, 0, DCEN] {
+        bench.write(ACR, value);
+    }
+    assert_eq!(bench.read(SECTOR_1), !0);
+    assert_eq!(bench.drain_violations(), 0);
+}
+
+#[test]
+fn data_cache_that_was_never_enabled_is_empty() {
+    let mut bench = unlocked();
+    bench.fill(0x5A);
+    bench.write(CR, SER | 1 << SNB_AT | X32 | STRT);
+    bench.run_for(Nanos::from_millis(250));
+    bench.write(ACR, DCEN);
+    assert_eq!(bench.read(SECTOR_1), !0);
+}
+
+#[test]
+fn write_changes_flash_and_data_cache() {
+    let mut bench = unlocked();
+    bench.fill(0xFF);
+    bench.write(ACR, DCEN);
+    bench.write(CR, PG | X32);
+    bench.store(SECTOR_1, Width::Word, 0x1234_5678);
+    bench.run_for(Nanos(16_000));
+    assert_eq!(bench.read(SECTOR_1), 0x1234_5678);
+}
+
+#[test]
+fn cache_in_use_cannot_be_reset() {
+    let mut bench = unlocked();
+    bench.write(ACR, DCEN);
+    bench.write(ACR, DCEN | DCRST);
+    assert_eq!(bench.drain_violations(), 1);
+}
+
+#[test]
+fn reset_empties_data_cache() {
+    let mut bench = unlocked();
+    bench.fill(0x5A);
+    bench.write(ACR, DCEN);
+    bench.write(CR, SER | 1 << SNB_AT | X32 | STRT);
+    bench.run_for(Nanos::from_millis(250));
+    bench.restart(Cause::Software);
+    bench.write(ACR, DCEN);
+    assert_eq!(bench.read(SECTOR_1), !0);
 }
 
 #[test]
