@@ -74,8 +74,8 @@ pub struct Config<A> {
     pub rp2040_revision: Rp2040Revision,
     /// The chip's unique id. The flash of an RP2040 has the first eight bytes.
     pub unique_id: [u8; 12],
-    /// The seed of the fault positions at given rates, of the flash content after a loss of power, and of the times
-    /// drawn by [`timing`](Self::timing).
+    /// The seed of the fault positions at given rates, of the RAM of an STM32 after power-on, of the flash content after a loss
+    /// of power, and of the times drawn by [`timing`](Self::timing).
     pub seed: u64,
     /// Duration of flash operations, and of the steps of the STM32F405's USB controller.
     pub timing: Timing,
@@ -406,8 +406,8 @@ impl<A: Arm> VirtualBoard<A> {
         lock(&self.flash).millivolts = millivolts;
     }
 
-    /// Switches the board's power off, if it is on, and on again 10 ms later. The flash keeps its content, and so does
-    /// the RAM, which a real board may lose. The arm and the cables stay unchanged.
+    /// Switches the board's power off, if it is on, and on again 10 ms later. The flash keeps its content. The RAM of an STM32
+    /// is random afterwards, that of an RP2040 keeps its content. The arm and the cables stay unchanged.
     ///
     /// # Errors
     ///
@@ -421,6 +421,11 @@ impl<A: Arm> VirtualBoard<A> {
         self.run_for(POWER_OFF)?;
         lock(&self.flash).supply = Some(true);
         Ok(())
+    }
+
+    /// Lets the supply dip, so shortly that the RAM keeps its content: the chip then starts as at power-on.
+    pub fn dip_power(&mut self) {
+        lock(&self.flash).supply = Some(true);
     }
 
     /// Restarts the chip as that which has written its flash does: the ROM of an RP2040 by the watchdog's timer, a debugger of

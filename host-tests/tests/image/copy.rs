@@ -48,7 +48,7 @@ fn copies_of_any_length_and_alignment_are_exact() {
     core.set_breakpoint(FLASH);
     for len in 0..=70 {
         for (to, from) in (0..4).flat_map(|to| (0..4).map(move |from| (TARGET + to, SOURCE + from))) {
-            core.memory_mut().fill_ram(0xEE);
+            core.memory_mut().fill_ram(|| 0xEE);
             for nth in 0..len {
                 core.memory_mut().write(from + nth, Width::Byte, nth + 1);
             }

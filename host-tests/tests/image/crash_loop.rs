@@ -299,18 +299,22 @@ fn crashes_count_within_ten_seconds_of_run() {
 fn power_on_and_requested_restart_end_the_row() {
     let mut board = board();
     let board = &mut board;
-    for restart in [true, false] {
-        for _ in 0..2 {
-            End::HardFault.end(board);
-        }
-        if restart {
+    let restarts: [fn(&mut Board); 3] = [
+        |board| {
             let mut control = expect_normal(board, &Config::default());
             control.order(board, Request::Restart);
             run(board, millis(200));
-        } else {
-            board.power_cycle().unwrap();
-            run(board, STARTED);
+        },
+        |board| board.power_cycle().unwrap(),
+        // The record in RAM is still there.
+        |board| board.dip_power(),
+    ];
+    for restart in restarts {
+        for _ in 0..2 {
+            End::HardFault.end(board);
         }
+        restart(board);
+        run(board, STARTED);
     }
     assert_eq!(counters_of(board), (0, 0));
     for _ in 0..3 {

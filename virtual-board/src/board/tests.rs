@@ -2,6 +2,8 @@
 
 mod trace;
 
+use std::collections::BTreeSet;
+
 use armwire_bridge::can::{Frame, Id};
 use armwire_bridge::{Duration, Instant};
 
@@ -395,6 +397,27 @@ fn power_cycle_restarts_with_the_same_flash() {
         ),
         "{restarts:?}"
     );
+}
+
+#[test]
+fn ram_is_random_after_power_on_and_kept_at_reset() {
+    const RAM: u64 = 0x2000_0000;
+    let content = |board: &mut VirtualBoard<NoArm>| -> Vec<u32> {
+        (0..256).map(|nth| board.read_word(RAM + 4 * nth).unwrap()).collect()
+    };
+    let mut board = programmer(|config| config);
+    let first = content(&mut board);
+    assert!(first.iter().collect::<BTreeSet<_>>().len() > 250, "{first:x?}");
+    assert_eq!(content(&mut programmer(|config| config)), first, "the same seed");
+    board.restart_after_flashing();
+    assert_eq!(content(&mut board), first);
+    board.dip_power();
+    board.run_for(Duration::from_micros(20)).unwrap();
+    assert_eq!(content(&mut board), first);
+    board.power_cycle().unwrap();
+    assert_ne!(content(&mut board), first);
+    let causes: Vec<_> = board.report().restarts.iter().map(|restart| restart.cause).collect();
+    assert_eq!(causes, [Cause::Software, Cause::Power]);
 }
 
 #[test]

@@ -243,9 +243,9 @@ impl Memory {
         written.map(|_| ())
     }
 
-    /// Fills the RAM, as after power-on.
-    pub fn fill_ram(&mut self, byte: u8) {
-        self.ram.bytes.fill(byte);
+    /// Fills the RAM, byte by byte.
+    pub fn fill_ram(&mut self, content: impl FnMut() -> u8) {
+        self.ram.bytes.fill_with(content);
         self.ram.note_change_of_all();
     }
 

@@ -36,8 +36,8 @@ impl Setup {
 
     fn machine<P: Peripherals + 'static>(self, peripherals: P) -> Box<dyn Engine> {
         let flash = lock(&self.edges.flash).bytes().to_vec();
-        let core = Mcu::<P>::core(flash);
-        let mcu = Mcu::new(peripherals, self.unique_id, self.cycle_cost, self.edges);
+        let mut mcu = Mcu::new(peripherals, self.unique_id, self.cycle_cost, self.seed, self.edges);
+        let core = mcu.core(flash);
         Box::new(Machine::new(
             core,
             mcu,

@@ -125,7 +125,7 @@ fn begin(core: &mut Core, seed: u32, sp: u32, pc: u32) {
     core.set_register(Register::R(13), sp);
     core.set_register(Register::R(15), pc);
     core.set_register(Register::Xpsr, generator.next() & 0xf80f_0000 | 1 << 24);
-    core.memory_mut().fill_ram(0);
+    core.memory_mut().fill_ram(|| 0);
     for at in 0..RAM_SIZE / 4 {
         core.memory_mut()
             .write(RAM + 4 * at, Width::Word, generator.next())

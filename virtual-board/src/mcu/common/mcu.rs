@@ -14,6 +14,7 @@ use crate::core::{self, Access, Bus, BusError, Core, FlashTiming, Memory, Purpos
 use crate::engine::News;
 use crate::line::{LOW, Pin};
 use crate::shared::lock;
+use crate::soc::chance::Chance;
 use crate::soc::clock::Clock;
 use crate::soc::events::Events;
 use crate::soc::lines::Lines;
@@ -255,11 +256,13 @@ pub(crate) struct Mcu<P> {
     pub(crate) common: Common,
     pub(crate) peripherals: P,
     unique_id: [u8; 12],
+    /// The content of the RAM after each loss of power.
+    ram: Chance,
 }
 
 impl<P: Peripherals> Mcu<P> {
     /// A chip before its first reset. A cycle has this virtual duration, in percent.
-    pub(crate) fn new(peripherals: P, unique_id: [u8; 12], cycle_cost: u32, edges: Edges) -> Self {
+    pub(crate) fn new(peripherals: P, unique_id: [u8; 12], cycle_cost: u32, seed: u64, edges: Edges) -> Self {
         let common = Common {
             now: Nanos(0),
             edges,
@@ -281,13 +284,14 @@ impl<P: Peripherals> Mcu<P> {
             common,
             peripherals,
             unique_id,
+            ram: Chance::new(seed, "RAM"),
         };
         mcu.follow_clocks();
         mcu
     }
 
-    /// Core and memory of the chip, with this flash content.
-    pub(crate) fn core(flash: Vec<u8>) -> Core {
+    /// Core and memory of the chip at power-on, with this flash content.
+    pub(crate) fn core(&mut self, flash: Vec<u8>) -> Core {
         let config = core::Config {
             interrupts: P::MAP.interrupts,
             priority_bits: PRIORITY_BITS,
@@ -295,7 +299,13 @@ impl<P: Peripherals> Mcu<P> {
             mpu_regions: MPU_REGIONS,
             bit_band: true,
         };
-        core::Core::new(config, Memory::new(P::MAP.flash, flash, P::MAP.ram, P::MAP.ram_size))
+        let mut memory = Memory::new(P::MAP.flash, flash, P::MAP.ram, P::MAP.ram_size);
+        self.randomize_ram(&mut memory);
+        core::Core::new(config, memory)
+    }
+
+    fn randomize_ram(&mut self, memory: &mut Memory) {
+        memory.fill_ram(|| self.ram.next() as u8);
     }
 
     #[inline]
@@ -530,6 +540,7 @@ impl<P: Peripherals> Mcu<P> {
     fn power_off(&mut self, memory: &mut Memory) {
         self.common.powered = false;
         self.reset(memory);
+        self.randomize_ram(memory);
         self.settle_all();
     }
 }

@@ -124,9 +124,9 @@ impl Bench {
         };
         let mut peripherals = Stm32f405::new(IDENTITY, ArmUart::Usart2, reenabled, 0, &edges);
         peripherals.dma.set_delays(PROMPT);
-        let part = Mcu::new(peripherals, [0; 12], 100, edges.clone());
+        let part = Mcu::new(peripherals, [0; 12], 100, 0, edges.clone());
         let mut memory = Memory::new(map::MAP.flash, vec![0; SIZE], map::MAP.ram, map::MAP.ram_size);
-        memory.fill_ram(UNTOUCHED);
+        memory.fill_ram(|| UNTOUCHED);
         let mut bench = Self {
             part,
             line,

@@ -39,7 +39,13 @@ fn chip() -> Mcu<Stm32g431> {
         oscillator: Arc::new(Mutex::new(Oscillator::new(Crystal::new(8_000_000), INTERNAL_HZ))),
     };
     let unique_id = [1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12];
-    Mcu::new(Stm32g431::new(EccRegister::Correct, 0, &edges), unique_id, 100, edges)
+    Mcu::new(
+        Stm32g431::new(EccRegister::Correct, 0, &edges),
+        unique_id,
+        100,
+        0,
+        edges,
+    )
 }
 
 fn access(address: u32, purpose: Purpose) -> Access {
