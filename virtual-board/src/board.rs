@@ -16,7 +16,7 @@ use armwire_boards::{Board, Uart as BoardUart};
 use crate::can::Sender as CanSender;
 use crate::can::bus::Bus;
 use crate::chip::Chip;
-use crate::crystal::{Crystal, INTERNAL_HZ, Oscillator};
+use crate::crystal::{Crystal, INTERNAL_HZ, LSI_HZ, Oscillator};
 use crate::engine::{Engine, Watched};
 use crate::error::Error;
 use crate::flash::{self, Flash};
@@ -68,6 +68,9 @@ pub struct Config<A> {
     /// The frequency of the chip's internal oscillator in hertz, nominally 16 MHz. That of the STM32F405 is −8 % to
     /// +4.5 % off (DS8626, 5.3.9).
     pub internal_hz: u32,
+    /// The frequency of LSI, the oscillator of an STM32's watchdog, in hertz, nominally 32 kHz. That of the STM32F405 is 17 to
+    /// 47 kHz (DS8626, 5.3.9), that of the STM32G431 is 5 % off (DS12589, 1).
+    pub lsi_hz: u32,
     /// The chip's DBGMCU_IDCODE: its revision (RM0090, 38.6.1).
     pub idcode: u32,
     /// The revision of an RP2040.
@@ -109,6 +112,7 @@ impl<A> Config<A> {
             arm_uart: ArmUart::default(),
             crystal: Crystal::new(8_000_000),
             internal_hz: INTERNAL_HZ,
+            lsi_hz: LSI_HZ,
             idcode: IDENTITY,
             rp2040_revision: Rp2040Revision::default(),
             unique_id: *b"\x20\x00\x41\x00\x0B51P\x35V03",
@@ -203,7 +207,11 @@ impl<A: Arm> VirtualBoard<A> {
             host: Arc::default(),
             can: Arc::default(),
             flash: Arc::new(Mutex::new(flash)),
-            oscillator: Arc::new(Mutex::new(Oscillator::new(config.crystal, config.internal_hz))),
+            oscillator: Arc::new(Mutex::new(Oscillator::new(
+                config.crystal,
+                config.internal_hz,
+                config.lsi_hz,
+            ))),
         };
         let interrupt = Arc::new(AtomicBool::new(false));
         let debugger = config.gdb.map(|port| debugger(port, interrupt.clone())).transpose()?;

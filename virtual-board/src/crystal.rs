@@ -1,4 +1,4 @@
-//! The crystal at the chip's OSC_IN and OSC_OUT, and the chip's own oscillator.
+//! The crystal at the chip's OSC_IN and OSC_OUT, and the chip's own oscillators.
 
 use crate::time::Nanos;
 
@@ -33,13 +33,18 @@ impl Crystal {
 /// The internal oscillator's nominal frequency, in hertz (RM0090, 7.2.2; RM0440, 7.2.2).
 pub(crate) const INTERNAL_HZ: u32 = 16_000_000;
 
+/// The nominal frequency of LSI, in hertz (DS8626, 5.3.9; DS12589, 5.3.9).
+pub(crate) const LSI_HZ: u32 = 32_000;
+
 /// The state of the crystal, shared by the clock controller, the timer that measures it and the board's owner.
 #[derive(Debug)]
 pub(crate) struct Oscillator {
     pub(crate) crystal: Crystal,
     /// The frequency of the internal oscillator, in hertz.
     pub(crate) internal_hz: u32,
-    /// Its divided clock for the timer that measures it (RM0090, 7.3.3, RTCPRE; RM0440, 31.8, OR1). `None` while it does not run, or
+    /// The frequency of LSI, in hertz.
+    pub(crate) lsi_hz: u32,
+    /// The crystal's divided clock for the timer that measures it (RM0090, 7.3.3, RTCPRE; RM0440, 31.8, OR1). `None` while it does not run, or
     /// without a divider.
     pub(crate) divided: Option<Divided>,
     /// True if the core runs from the internal oscillator.
@@ -47,10 +52,11 @@ pub(crate) struct Oscillator {
 }
 
 impl Oscillator {
-    pub(crate) fn new(crystal: Crystal, internal_hz: u32) -> Self {
+    pub(crate) fn new(crystal: Crystal, internal_hz: u32, lsi_hz: u32) -> Self {
         Self {
             crystal,
             internal_hz,
+            lsi_hz,
             divided: None,
             core_is_internal: true,
         }

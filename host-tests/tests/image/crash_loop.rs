@@ -244,9 +244,10 @@ fn store_that_crashes_the_load_is_not_touched() {
 
 #[test]
 fn reset_of_a_crashing_store_ends_recovery() {
-    // The longest stall of the core, for two erases.
+    // The longest stall of the core, for two erases, and the fastest oscillator of the watchdog (DS8626, 5.3.9).
     let mut board = VirtualBoard::start(BoardConfig {
         timing: Timing::Worst,
+        lsi_hz: 47_000,
         ..board_config(RawArm::default())
     })
     .unwrap();

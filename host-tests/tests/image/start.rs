@@ -232,16 +232,23 @@ fn service_that_stops_ends_in_watchdog_reset() {
     /// ICER1 of the NVIC, and SPI1, interrupt 35 of both chips.
     const DISABLE: u64 = 0xE000_E184;
     const SERVICE: u32 = 1 << (35 - 32);
-    let mut board = VirtualBoard::start(board_config(RawArm::default())).unwrap();
-    expect_served(&mut board);
-    board.write_word(DISABLE, SERVICE).unwrap();
-    board.run_for(millis(5_000)).unwrap();
-    let report = board.report();
-    report.check().unwrap();
-    let causes: Vec<_> = report.restarts.iter().map(|restart| restart.cause).collect();
-    assert_eq!(causes, [Cause::Watchdog]);
-    expect_served(&mut board);
-    assert_eq!(counters(&mut board).watchdog_resets, 1);
+    // The watchdog's oscillator (DS8626, 5.3.9).
+    for lsi_hz in [17_000, 47_000] {
+        let mut board = VirtualBoard::start(Config {
+            lsi_hz,
+            ..board_config(RawArm::default())
+        })
+        .unwrap();
+        expect_served(&mut board);
+        board.write_word(DISABLE, SERVICE).unwrap();
+        board.run_for(millis(5_000)).unwrap();
+        let report = board.report();
+        report.check().unwrap();
+        let causes: Vec<_> = report.restarts.iter().map(|restart| restart.cause).collect();
+        assert_eq!(causes, [Cause::Watchdog], "{lsi_hz} Hz");
+        expect_served(&mut board);
+        assert_eq!(counters(&mut board).watchdog_resets, 1);
+    }
 }
 
 /// Makes the function of the LED's task an unmapped address: its next run is a hard fault.

@@ -26,9 +26,6 @@ const PRESCALER: u32 = 0b111;
 const WIDEST: u32 = 6;
 const RELOAD_VALUE: u32 = 0xFFF;
 
-/// The low-speed internal oscillator, typical value (DS12589, 5.3.9; DS8626, 5.3.9).
-pub(crate) const LSI_HZ: u64 = 32_000;
-
 /// Cycles of the oscillator for a new PR or RLR to cross into its clock domain: up to 5 (42.4.2, 42.4.3).
 const CROSSING: u64 = 5;
 
@@ -44,6 +41,8 @@ struct Crossing {
 #[derive(Clone, Debug)]
 pub(crate) struct Iwdg {
     has_window: bool,
+    /// The frequency of its oscillator, LSI.
+    hz: u32,
     unlocked: bool,
     prescaler: Crossing,
     reload: Crossing,
@@ -53,11 +52,12 @@ pub(crate) struct Iwdg {
 }
 
 impl Iwdg {
-    /// A watchdog with or without WINR.
-    pub(crate) fn new(has_window: bool) -> Self {
+    /// A watchdog with or without WINR, whose oscillator has this frequency in hertz.
+    pub(crate) fn new(has_window: bool, hz: u32) -> Self {
         let settled = |value| Crossing { value, until: Nanos(0) };
         Self {
             has_window,
+            hz,
             unlocked: false,
             prescaler: settled(0),
             reload: settled(RELOAD_VALUE),
@@ -80,7 +80,7 @@ impl Iwdg {
     fn period(&self) -> Nanos {
         let divider = 4 << self.prescaler.value.min(WIDEST);
         let cycles = (u64::from(self.reload.value) + 1) * divider;
-        Nanos(cycles * 1_000_000_000 / LSI_HZ)
+        Nanos(cycles * 1_000_000_000 / u64::from(self.hz))
     }
 
     fn restart_count(&mut self, now: Nanos) {
@@ -95,7 +95,7 @@ impl Iwdg {
         if now < old.until {
             return Err(forbidden(register, "42.4.4: written before the last value has arrived"));
         }
-        let until = now + Nanos(CROSSING * 1_000_000_000 / LSI_HZ);
+        let until = now + Nanos(CROSSING * 1_000_000_000 / u64::from(self.hz));
         Ok(Crossing { value, until })
     }
 }
@@ -146,19 +146,20 @@ impl Peripheral for Iwdg {
     }
 
     fn reset(&mut self, _: Nanos) {
-        *self = Self::new(self.has_window);
+        *self = Self::new(self.has_window, self.hz);
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::crystal::LSI_HZ;
 
     const MILLISECOND: u64 = 1_000_000;
 
     #[test]
     fn unfed_watchdog_expires_after_its_period() {
-        let mut iwdg = Iwdg::new(true);
+        let mut iwdg = Iwdg::new(true, LSI_HZ);
         iwdg.write(KR, ACCESS, Nanos(0)).unwrap();
         iwdg.write(PR, 3, Nanos(0)).unwrap();
         iwdg.write(RLR, 999, Nanos(0)).unwrap();
@@ -173,8 +174,19 @@ mod tests {
     }
 
     #[test]
+    fn faster_oscillator_shortens_the_period() {
+        for (hz, micros) in [(17_000, 481_882), (32_000, 256_000), (47_000, 174_297)] {
+            let mut iwdg = Iwdg::new(false, hz);
+            iwdg.write(KR, ACCESS, Nanos(0)).unwrap();
+            iwdg.write(RLR, 2_047, Nanos(0)).unwrap();
+            iwdg.write(KR, START, Nanos(0)).unwrap();
+            assert_eq!(iwdg.due().unwrap().0 / 1_000, micros, "{hz} Hz");
+        }
+    }
+
+    #[test]
     fn key_other_than_access_locks_the_registers() {
-        let mut iwdg = Iwdg::new(true);
+        let mut iwdg = Iwdg::new(true, LSI_HZ);
         assert!(iwdg.write(PR, 3, Nanos(0)).is_err());
         iwdg.write(KR, ACCESS, Nanos(0)).unwrap();
         iwdg.write(KR, RELOAD, Nanos(0)).unwrap();
@@ -184,7 +196,7 @@ mod tests {
 
     #[test]
     fn new_value_takes_its_time_to_arrive() {
-        let mut iwdg = Iwdg::new(true);
+        let mut iwdg = Iwdg::new(true, LSI_HZ);
         iwdg.write(KR, ACCESS, Nanos(0)).unwrap();
         iwdg.write(PR, 3, Nanos(0)).unwrap();
         assert_eq!(iwdg.read(SR, Nanos(1)), Ok(PVU));

@@ -310,7 +310,7 @@ impl<C: Chip> Rcc<C> {
     pub(crate) fn new(oscillator: Shared<Oscillator>, seed: u64) -> Self {
         let internal_hz = {
             let mut oscillator = lock(&oscillator);
-            *oscillator = Oscillator::new(oscillator.crystal, oscillator.internal_hz);
+            *oscillator = Oscillator::new(oscillator.crystal, oscillator.internal_hz, oscillator.lsi_hz);
             oscillator.internal_hz.into()
         };
         Self {

@@ -89,6 +89,7 @@ impl Stm32f405 {
     /// The peripherals before the first reset, of a chip of this revision (DBGMCU_IDCODE), with the arm at this UART.
     pub(crate) fn new(idcode: u32, arm_uart: ArmUart, reenabled: Reenabled, seed: u64, edges: &Edges) -> Self {
         lock(&edges.line).set_pin(Pin::Free);
+        let lsi_hz = lock(&edges.oscillator).lsi_hz;
         let (otg_clock, millivolts) = {
             let flash = lock(&edges.flash);
             (flash.clock, flash.millivolts)
@@ -98,7 +99,7 @@ impl Stm32f405 {
             rcc: Rcc::new(edges.oscillator.clone(), seed),
             pwr: Pwr::new(millivolts, seed),
             flash: Interface::new(edges.flash.clone()),
-            iwdg: Iwdg::new(false),
+            iwdg: Iwdg::new(false, lsi_hz),
             tim5: Tim::new(),
             tim11: Capture::new(edges.oscillator.clone(), TIM11_INPUT),
             gpio: std::array::from_fn(|port| Gpio::new(gpio_at_reset(port), false)),

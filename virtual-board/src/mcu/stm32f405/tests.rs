@@ -10,7 +10,7 @@ use armwire_sim::serial::SerialDevice;
 use super::*;
 use crate::can::bus::Bus as CanBus;
 use crate::core::{Access, Bus, Memory, Purpose, Width};
-use crate::crystal::{Crystal, INTERNAL_HZ, Oscillator};
+use crate::crystal::{Crystal, INTERNAL_HZ, LSI_HZ, Oscillator};
 use crate::flash::{Flash, SIZE};
 use crate::line::{Direction, Fault, Format, Line, LineByte, Outcome, Parity, SharedLine};
 use crate::mcu::common::dma::{DELAYS, Delays};
@@ -113,7 +113,11 @@ impl Bench {
         let starve = Arc::new(AtomicBool::new(false));
         let line = Arc::new(Mutex::new(Line::new(Arm::default(), 1_000_000, 0, starve.clone())));
         let flash = Arc::new(Mutex::new(Flash::new(vec![0; SIZE], None, Clock::default())));
-        let oscillator = Arc::new(Mutex::new(Oscillator::new(Crystal::new(8_000_000), INTERNAL_HZ)));
+        let oscillator = Arc::new(Mutex::new(Oscillator::new(
+            Crystal::new(8_000_000),
+            INTERNAL_HZ,
+            LSI_HZ,
+        )));
         let edges = Edges {
             line: line.clone(),
             starve,

@@ -36,6 +36,7 @@ use super::common::tim::Tim;
 use crate::core::Width;
 use crate::engine::News;
 use crate::line::Pin;
+use crate::shared::lock;
 use crate::soc::lines::Lines;
 use crate::soc::machine::{Cause, Edges};
 use crate::soc::peripheral::{NoModel, Peripheral};
@@ -93,7 +94,7 @@ impl Stm32g431 {
             rcc: Rcc::new(edges.oscillator.clone(), seed),
             pwr: Pwr::default(),
             flash: Interface::new(edges.flash.clone(), ecc_register, seed),
-            iwdg: Iwdg::new(true),
+            iwdg: Iwdg::new(true, lock(&edges.oscillator).lsi_hz),
             tim2: Tim::new(),
             tim16: Capture::new(edges.oscillator.clone(), TIM16_INPUT),
             gpio: std::array::from_fn(|port| Gpio::new(gpio_at_reset(port), true)),

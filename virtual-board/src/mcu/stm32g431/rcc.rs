@@ -495,14 +495,14 @@ mod tests {
     use std::sync::{Arc, Mutex};
 
     use super::*;
-    use crate::crystal::{Crystal, INTERNAL_HZ, Oscillator};
+    use crate::crystal::{Crystal, INTERNAL_HZ, LSI_HZ, Oscillator};
     use crate::soc::machine::Cause;
 
     /// 8 MHz / 2 * 80 / 2 = 160 MHz, Q is 80 MHz.
     const PLLCFGR_160: u32 = 0b11 | 1 << 4 | 80 << 8 | 1 << 20 | 1 << 21 | 1 << 24;
 
     fn with_crystal(crystal: Crystal) -> Rcc {
-        Rcc::new(Arc::new(Mutex::new(Oscillator::new(crystal, INTERNAL_HZ))), 0)
+        Rcc::new(Arc::new(Mutex::new(Oscillator::new(crystal, INTERNAL_HZ, LSI_HZ))), 0)
     }
 
     fn rcc() -> Rcc {

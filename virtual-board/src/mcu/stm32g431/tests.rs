@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex};
 use super::*;
 use crate::board::tests::NoArm;
 use crate::core::{Access, Bus, Memory, Purpose, Width};
-use crate::crystal::{Crystal, INTERNAL_HZ, Oscillator};
+use crate::crystal::{Crystal, INTERNAL_HZ, LSI_HZ, Oscillator};
 use crate::flash::{ERASED, Flash};
 use crate::line::Line;
 use crate::mcu::common::mcu::Mcu;
@@ -36,7 +36,11 @@ fn chip() -> Mcu<Stm32g431> {
         host: Arc::default(),
         can: Arc::default(),
         flash: Arc::new(Mutex::new(flash)),
-        oscillator: Arc::new(Mutex::new(Oscillator::new(Crystal::new(8_000_000), INTERNAL_HZ))),
+        oscillator: Arc::new(Mutex::new(Oscillator::new(
+            Crystal::new(8_000_000),
+            INTERNAL_HZ,
+            LSI_HZ,
+        ))),
     };
     let unique_id = [1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12];
     Mcu::new(
