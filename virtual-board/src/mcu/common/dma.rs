@@ -1,8 +1,9 @@
 //! The transfers of a DMA controller, independent of its registers.
 //!
 //! A transfer has four steps, each some nanoseconds after the previous one: the request wins arbitration and the source
-//! is read; the destination is written; the count and the flags change. A handler may therefore run between any two of
-//! them, as on silicon. The delays are seeded, within the range of a shared bus.
+//! is read; the destination is written; the count and the flags change. A stream that loads ahead reads its source before
+//! the request. A handler may run between any two steps, as on silicon. The delays are seeded, within the range of a
+//! shared bus.
 
 use std::ops::RangeInclusive;
 
@@ -34,6 +35,12 @@ enum Phase {
     Reading(Nanos),
     Writing(Nanos, u8),
     Counting(Nanos),
+    /// The source is read without a request.
+    Loading(Nanos),
+    /// The byte waits for a request.
+    Loaded(u8),
+    /// The byte has its request.
+    Requested(Nanos, u8),
 }
 
 /// The two ends of a transfer.
@@ -123,17 +130,26 @@ impl<const STREAMS: usize> Steps<STREAMS> {
     /// Returns true if the stream waits for a request.
     #[inline]
     pub(crate) fn waits(&self, stream: usize) -> bool {
-        self.phases[stream] == Phase::Waiting
+        matches!(self.phases[stream], Phase::Waiting | Phase::Loaded(_))
     }
 
-    /// Returns true if the stream has read a byte that is not counted yet.
+    /// Returns true if the stream has a byte that it must write or count. A byte that was loaded ahead is dropped.
     pub(crate) fn moves(&self, stream: usize) -> bool {
         matches!(self.phases[stream], Phase::Writing(..) | Phase::Counting(_))
     }
 
     /// Starts a transfer of a waiting stream.
     pub(crate) fn start(&mut self, stream: usize, now: Nanos) {
-        self.phases[stream] = Phase::Reading(now + self.chance.span(self.delays.arbitration.clone()));
+        let delays = &self.delays;
+        self.phases[stream] = match self.phases[stream] {
+            Phase::Loaded(value) => Phase::Requested(now + self.chance.span(delays.transfer.clone()), value),
+            _ => Phase::Reading(now + self.chance.span(delays.arbitration.clone())),
+        };
+    }
+
+    /// Reads the source of a waiting stream before its request.
+    pub(crate) fn load(&mut self, stream: usize, now: Nanos) {
+        self.phases[stream] = Phase::Loading(now + self.chance.span(self.delays.arbitration.clone()));
     }
 
     /// Aborts the transfer of a stream.
@@ -157,7 +173,16 @@ impl<const STREAMS: usize> Steps<STREAMS> {
         } = transfer;
         let phase = &mut self.phases[stream];
         match *phase {
-            Phase::Waiting => Step::Nothing,
+            Phase::Waiting | Phase::Loaded(_) => Step::Nothing,
+            Phase::Loading(_) => Step::ReadMemory(memory),
+            Phase::Requested(_, value) if !is_high => {
+                *phase = Phase::Loaded(value);
+                Step::Nothing
+            }
+            Phase::Requested(_, value) => {
+                *phase = Phase::Counting(now + self.chance.span(self.delays.count.clone()));
+                Step::WritePeripheral(peripheral, value)
+            }
             Phase::Reading(_) if !is_high => {
                 *phase = Phase::Waiting;
                 Step::Nothing
@@ -181,7 +206,10 @@ impl<const STREAMS: usize> Steps<STREAMS> {
 
     /// Passes the byte of a read.
     pub(crate) fn fetched(&mut self, stream: usize, value: u8, now: Nanos) {
-        self.phases[stream] = Phase::Writing(now + self.chance.span(self.delays.transfer.clone()), value);
+        self.phases[stream] = match self.phases[stream] {
+            Phase::Loading(_) => Phase::Loaded(value),
+            _ => Phase::Writing(now + self.chance.span(self.delays.transfer.clone()), value),
+        };
     }
 
     /// The time of the next step.
@@ -195,8 +223,9 @@ impl Phase {
     #[inline]
     fn due(&self) -> Option<Nanos> {
         match *self {
-            Self::Waiting => None,
+            Self::Waiting | Self::Loaded(_) => None,
             Self::Reading(at) | Self::Writing(at, _) | Self::Counting(at) => Some(at),
+            Self::Loading(at) | Self::Requested(at, _) => Some(at),
         }
     }
 }

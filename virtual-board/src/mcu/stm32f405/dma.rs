@@ -1,9 +1,10 @@
 //! DMA1 and DMA2 (RM0090, chapter 10).
 //!
 //! Modelled are peripheral to memory and memory to peripheral in direct mode, by bytes, circular or not; a stream that
-//! is disabled completes the transfer in progress, and sets its flag (10.3.14). Not modelled: the byte that a stream to
-//! a peripheral fetches before it is requested (10.3.11). Refused with their name: wider transfers, memory to memory,
-//! FIFO mode, double buffers, bursts, the peripheral as flow controller.
+//! is disabled completes the transfer in progress, and sets its flag (10.3.14). A stream to a peripheral reads its first
+//! byte as soon as it is enabled, and each other one after the write of the one before (10.3.6); a byte that was read and
+//! not requested is lost as the stream is disabled. Refused with their name: wider transfers, memory to memory, FIFO mode,
+//! double buffers, bursts, the peripheral as flow controller.
 
 use crate::mcu::common::dma::{self as common, Count, Requests, Step, Steps, Transfer};
 use crate::soc::peripheral::{Peripheral, Refused, check_modelled, field, forbidden};
@@ -196,7 +197,7 @@ impl Dma {
         request == receive && requests.receive || request == transmit && requests.transmit
     }
 
-    fn count(&mut self, number: usize) {
+    fn count(&mut self, number: usize, now: Nanos) {
         let stream = &mut self.streams[number];
         let circular = stream.cr & cr::CIRC != 0;
         let reached = stream.count.count(circular);
@@ -209,6 +210,15 @@ impl Dma {
         }
         if reached.complete || stopped {
             self.flags[number] |= flag::COMPLETE;
+        }
+        self.load(number, now);
+    }
+
+    /// Reads the next byte of a stream to a peripheral ahead of its request (10.3.6, 10.3.12).
+    fn load(&mut self, number: usize, now: Nanos) {
+        let stream = &self.streams[number];
+        if stream.is_on() && stream.count.left > 0 && stream.transfer().from_memory {
+            self.steps.load(number, now);
         }
     }
 
@@ -224,9 +234,9 @@ impl Dma {
         }
     }
 
-    fn write_stream(&mut self, number: usize, register: u32, value: u32) -> Result<(), Refused> {
+    fn write_stream(&mut self, number: usize, register: u32, value: u32, now: Nanos) -> Result<(), Refused> {
         if register == CR {
-            return self.write_control(number, value);
+            return self.write_control(number, value, now);
         }
         let stream = &mut self.streams[number];
         if stream.is_on() {
@@ -249,7 +259,7 @@ impl Dma {
         Ok(())
     }
 
-    fn write_control(&mut self, number: usize, value: u32) -> Result<(), Refused> {
+    fn write_control(&mut self, number: usize, value: u32, now: Nanos) -> Result<(), Refused> {
         let refused = "CR: wide, memory to memory, peripheral increment, bursts, double buffers or flow control";
         check_modelled(refused, value, cr::MODELLED)?;
         let stream = &mut self.streams[number];
@@ -276,6 +286,7 @@ impl Dma {
                 if self.reenabled == Reenabled::Restarts || stream.count.left == 0 {
                     stream.count.left = stream.count.programmed;
                 }
+                self.load(number, now);
             }
             _ => stream.cr = value,
         }
@@ -308,7 +319,7 @@ impl Peripheral for Dma {
         }
     }
 
-    fn write(&mut self, offset: u32, value: u32, _: Nanos) -> Result<(), Refused> {
+    fn write(&mut self, offset: u32, value: u32, now: Nanos) -> Result<(), Refused> {
         let (controller, offset) = (offset / SIZE, offset % SIZE);
         let first = controller as usize * STREAMS;
         match offset {
@@ -323,7 +334,7 @@ impl Peripheral for Dma {
             }
             FIRST..LAST => {
                 let (number, register) = place(first, offset);
-                self.write_stream(number, register, value)
+                self.write_stream(number, register, value, now)
             }
             _ => Err(Refused::NoRegister),
         }
@@ -355,7 +366,7 @@ impl common::Dma for Dma {
         let is_high = self.is_high(requests, request);
         let step = self.steps.take(number, is_high, stream.transfer(), now);
         if step == Step::Count {
-            self.count(number);
+            self.count(number, now);
         }
         Some((number, step))
     }
@@ -406,6 +417,77 @@ mod tests {
         let mut dma = dma(4, 0);
         check_steps(&mut dma, 0x4000_4404);
         assert_eq!(dma.read(STREAM_5 + NDTR, Nanos(0)), Ok(3));
+    }
+
+    const TRANSMIT: Requests = Requests {
+        receive: false,
+        transmit: true,
+    };
+    const QUIET: Requests = Requests {
+        receive: false,
+        transmit: false,
+    };
+    const STREAM_6: u32 = FIRST + 6 * EACH;
+
+    /// A controller with stream 6 enabled from memory for this number of bytes. Its request is low.
+    fn sender(count: u32) -> Dma {
+        let mut dma = Dma::new(Reenabled::Restarts, 0, ArmUart::Usart2.requests());
+        for (register, value) in [
+            (NDTR, count),
+            (PAR, 0x4000_4404),
+            (M0AR, 0x2000_0000),
+            (CR, cr::FROM_MEMORY | CHANNEL_4 | cr::MINC | cr::EN),
+        ] {
+            dma.write(STREAM_6 + register, value, Nanos(0)).unwrap();
+        }
+        dma
+    }
+
+    /// Takes the next step, and passes this byte to a read.
+    fn step(dma: &mut Dma, requests: Requests, byte: u8) -> Step {
+        let due = dma.due().unwrap();
+        let (stream, step) = dma.step(requests, due).unwrap();
+        if matches!(step, Step::ReadMemory(_)) {
+            dma.fetched(stream, byte, due);
+        }
+        step
+    }
+
+    #[test]
+    fn stream_to_peripheral_reads_a_byte_ahead() {
+        let mut dma = sender(2);
+        assert_eq!(step(&mut dma, QUIET, 1), Step::ReadMemory(0x2000_0000));
+        assert_eq!((dma.due(), dma.read(STREAM_6 + NDTR, Nanos(0))), (None, Ok(2)));
+        dma.follow_requests(TRANSMIT, Nanos(1_000));
+        assert_eq!(step(&mut dma, TRANSMIT, 0), Step::WritePeripheral(0x4000_4404, 1));
+        assert_eq!(step(&mut dma, QUIET, 0), Step::Count);
+        assert_eq!(dma.read(STREAM_6 + NDTR, Nanos(0)), Ok(1));
+        assert_eq!(step(&mut dma, QUIET, 2), Step::ReadMemory(0x2000_0001));
+        dma.follow_requests(TRANSMIT, Nanos(2_000));
+        assert_eq!(step(&mut dma, TRANSMIT, 0), Step::WritePeripheral(0x4000_4404, 2));
+        assert_eq!(step(&mut dma, QUIET, 0), Step::Count);
+        assert_eq!((dma.due(), dma.read(STREAM_6 + NDTR, Nanos(0))), (None, Ok(0)));
+    }
+
+    #[test]
+    fn disabled_stream_drops_the_byte_it_read_ahead() {
+        let mut dma = sender(2);
+        step(&mut dma, QUIET, 1);
+        dma.write(STREAM_6 + CR, cr::FROM_MEMORY | CHANNEL_4 | cr::MINC, Nanos(0))
+            .unwrap();
+        dma.follow_requests(TRANSMIT, Nanos(1_000));
+        assert_eq!((dma.due(), dma.read(STREAM_6 + NDTR, Nanos(0))), (None, Ok(2)));
+        assert_eq!(dma.read(STREAM_6 + CR, Nanos(0)).unwrap() & cr::EN, 0);
+    }
+
+    #[test]
+    fn request_that_went_away_leaves_the_byte_for_the_next() {
+        let mut dma = sender(1);
+        step(&mut dma, QUIET, 1);
+        dma.follow_requests(TRANSMIT, Nanos(1_000));
+        assert_eq!(step(&mut dma, QUIET, 0), Step::Nothing);
+        dma.follow_requests(TRANSMIT, Nanos(2_000));
+        assert_eq!(step(&mut dma, TRANSMIT, 0), Step::WritePeripheral(0x4000_4404, 1));
     }
 
     #[test]
