@@ -23,7 +23,7 @@ use crate::flash::{self, Flash};
 use crate::image::Image;
 use crate::line::{Arm, Fault, FaultRates, Format, Line, LineByte, SharedLine};
 use crate::mcu::Setup;
-use crate::mcu::stm32f405::{ArmUart, IDENTITY, Reenabled};
+use crate::mcu::stm32f405::{ArmUart, IDENTITY, OtgVariant, Reenabled};
 use crate::mcu::stm32g431::EccRegister;
 use crate::report::{Report, Violation};
 use crate::revision::Rp2040Revision;
@@ -90,6 +90,8 @@ pub struct Config<A> {
     pub power_cut_after: Option<u32>,
     /// Behaviour of a DMA stream that is enabled again.
     pub reenabled: Reenabled,
+    /// Behaviour of the USB controller of an STM32F405.
+    pub otg: OtgVariant,
     /// FLASH_ECCR of an STM32G431 after an interrupted flash operation.
     pub ecc_register: EccRegister,
     /// The virtual duration of a cycle, in percent of the clock's. More than 100 simulates a slower core with the same
@@ -121,6 +123,7 @@ impl<A> Config<A> {
             flash: None,
             power_cut_after: None,
             reenabled: Reenabled::default(),
+            otg: OtgVariant::default(),
             ecc_register: EccRegister::default(),
             instruction_cost: NonZeroU32::new(100).expect("not zero"),
             exact_cycles: false,
@@ -223,6 +226,7 @@ impl<A: Arm> VirtualBoard<A> {
             rp2040_revision: config.rp2040_revision,
             arm_uart: config.arm_uart,
             reenabled: config.reenabled,
+            otg: config.otg,
             ecc_register: config.ecc_register,
             seed: config.seed,
             cycle_cost: config.instruction_cost.get(),

@@ -58,7 +58,7 @@ pub use chip::Chip;
 pub use crystal::Crystal;
 pub use error::Error;
 pub use line::Arm;
-pub use mcu::stm32f405::{ArmUart, Reenabled};
+pub use mcu::stm32f405::{ArmUart, OtgVariant, Reenabled};
 pub use mcu::stm32g431::EccRegister;
 pub use revision::Rp2040Revision;
 pub use time::Nanos;

@@ -8,18 +8,24 @@ use armwire_host_tests::image::{
 use armwire_virtual_board::usb::Direction;
 use armwire_virtual_board::usb::cdc::LineCoding;
 use armwire_virtual_board::usb::host::Request;
-use armwire_virtual_board::{Config, Nanos, Timing, VirtualBoard};
+use armwire_virtual_board::{Chip, Config, Nanos, OtgVariant, Timing, VirtualBoard};
 
 type Board = VirtualBoard<RawArm>;
 
 /// Time limit for the adapter's next answer.
 const READY: Nanos = Nanos::from_millis(100);
 
-/// Runs a test on a board with a fast USB controller, and on one with a slow controller.
+/// Runs a test on a board with a fast USB controller, and on one with a slow controller of the other variant.
 fn on_either_board(test: impl Fn(&mut Board)) {
-    for timing in facts(chip()).variants([Timing::Typical, Timing::Worst]) {
+    let other = OtgVariant {
+        disables_out_endpoints: true,
+        keeps_setup_count: true,
+    };
+    let variants = [(Timing::Typical, OtgVariant::default()), (Timing::Worst, other)];
+    for (timing, otg) in facts(chip()).variants(variants) {
         let config = Config {
             timing,
+            otg,
             ..board_config(RawArm::default())
         };
         on_board_with(config, &test);
@@ -367,6 +373,32 @@ fn cleared_halt_in_full_flow_loses_nothing() {
             .usb()
             .clear_halt([Direction::In, Direction::Out][nth as usize % 2])
             .unwrap();
+    });
+}
+
+/// The SETUP packet lies in the FIFO of the STM32F405 behind another packet, as the interrupt handler runs: only its count
+/// tells of it.
+#[test]
+fn request_behind_a_packet_is_taken() {
+    if chip() == Chip::Rp2040 {
+        return;
+    }
+    on_board_with(board_config(RawArm::default()), |board| {
+        plug_in(board, MEGABAUD);
+        expect_exchange(board, 1, "before");
+        let packets = board.usb().packets();
+        let serial = packets
+            .iter()
+            .rfind(|packet| packet.direction == Direction::In)
+            .unwrap();
+        let set_halt = Request::write(0x02, 0x03, 0, 0x80 | u16::from(serial.endpoint), Vec::new());
+        board.hold_core();
+        board.usb().write(b"x").unwrap();
+        board.run_for(Nanos(100_000)).unwrap();
+        board.usb().abandon(set_halt, Nanos(100_000)).unwrap();
+        board.let_core_go();
+        board.run_for(Nanos::from_millis(1)).unwrap();
+        assert!(board.usb().is_halted(Direction::In).unwrap());
     });
 }
 

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use self::stm32f405::{ArmUart, Reenabled};
+use self::stm32f405::{ArmUart, OtgVariant, Reenabled};
 use self::stm32g431::EccRegister;
 use crate::report::Crash;
 use crate::revision::Rp2040Revision;
@@ -24,6 +24,7 @@ pub(crate) struct Setup {
     /// The UART of the STM32F405 with the arm.
     pub(crate) arm_uart: ArmUart,
     pub(crate) reenabled: Reenabled,
+    pub(crate) otg: OtgVariant,
     pub(crate) ecc_register: EccRegister,
     pub(crate) seed: u64,
     /// The virtual duration of a cycle, in percent.

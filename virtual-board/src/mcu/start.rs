@@ -23,7 +23,14 @@ impl Setup {
     pub(crate) fn engine(self, chip: Chip) -> Result<Box<dyn Engine>, Error> {
         Ok(match chip {
             Chip::Stm32f405 => {
-                let peripherals = Stm32f405::new(self.idcode, self.arm_uart, self.reenabled, self.seed, &self.edges);
+                let peripherals = Stm32f405::new(
+                    self.idcode,
+                    self.arm_uart,
+                    self.reenabled,
+                    self.otg,
+                    self.seed,
+                    &self.edges,
+                );
                 self.machine(peripherals)
             }
             Chip::Stm32g431 => {

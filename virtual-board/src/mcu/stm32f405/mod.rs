@@ -23,6 +23,7 @@ use self::flash::Interface;
 pub(crate) use self::map::IDENTITY;
 use self::map::{Kind, interrupt};
 use self::otg::Otg;
+pub use self::otg::OtgVariant;
 use self::pwr::Pwr;
 use self::rcc::{BDCR, Clocks, Rcc};
 use self::usart::Usart;
@@ -87,7 +88,14 @@ pub(crate) struct Stm32f405 {
 
 impl Stm32f405 {
     /// The peripherals before the first reset, of a chip of this revision (DBGMCU_IDCODE), with the arm at this UART.
-    pub(crate) fn new(idcode: u32, arm_uart: ArmUart, reenabled: Reenabled, seed: u64, edges: &Edges) -> Self {
+    pub(crate) fn new(
+        idcode: u32,
+        arm_uart: ArmUart,
+        reenabled: Reenabled,
+        otg: OtgVariant,
+        seed: u64,
+        edges: &Edges,
+    ) -> Self {
         lock(&edges.line).set_pin(Pin::Free);
         let lsi_hz = lock(&edges.oscillator).lsi_hz;
         let (otg_clock, millivolts) = {
@@ -109,7 +117,7 @@ impl Stm32f405 {
             uart: Usart::new(edges.line.clone()),
             dma: Dma::new(reenabled, seed, arm_uart.requests()),
             exti: NoModel,
-            otg: Otg::new(edges.host.clone(), otg_clock),
+            otg: Otg::new(edges.host.clone(), otg_clock, otg),
             can: Can::new(edges.can.clone()),
         }
     }

@@ -126,7 +126,7 @@ impl Bench {
             flash: flash.clone(),
             oscillator: oscillator.clone(),
         };
-        let mut peripherals = Stm32f405::new(IDENTITY, ArmUart::Usart2, reenabled, 0, &edges);
+        let mut peripherals = Stm32f405::new(IDENTITY, ArmUart::Usart2, reenabled, OtgVariant::default(), 0, &edges);
         peripherals.dma.set_delays(PROMPT);
         let part = Mcu::new(peripherals, [0; 12], 100, 0, edges.clone());
         let mut memory = Memory::new(map::MAP.flash, vec![0; SIZE], map::MAP.ram, map::MAP.ram_size);

@@ -15,8 +15,8 @@ use embassy_stm32::pac::otg::regs::Diepctl;
 use embassy_stm32::pac::otg::vals::Pktstsd;
 use embassy_stm32::{peripherals, usb};
 use embassy_usb::driver::{
-    self, Bus as _, ControlPipe as _, Direction, EndpointAddress, EndpointError, EndpointIn as _, EndpointOut as _,
-    Event,
+    self, Bus as _, ControlPipe as _, Direction, Endpoint as _, EndpointAddress, EndpointError, EndpointIn as _,
+    EndpointOut as _, Event,
 };
 
 use crate::board::usb_stage::{SETUP_ARRIVED, soon, wake_stage};
@@ -200,12 +200,14 @@ pub(in crate::board) fn write(endpoint: &mut HalIn, packet: &[u8]) -> impl Futur
     endpoint.write(packet)
 }
 
-/// Reads a packet of the host.
-pub(in crate::board) fn read(
-    endpoint: &mut HalOut,
-    packet: &mut [u8],
-) -> impl Future<Output = Result<usize, EndpointError>> {
-    endpoint.read(packet)
+/// Reads a packet of the host, and lets the endpoint accept the next one.
+///
+/// By the manual the controller disables the endpoint after a packet (RM0090 34.17.5); the HAL only clears its NAK.
+pub(in crate::board) async fn read(endpoint: &mut HalOut, packet: &mut [u8]) -> Result<usize, EndpointError> {
+    let len = endpoint.read(packet).await?;
+    let control = USB_OTG_FS.doepctl(endpoint.info().addr.index());
+    critical_section::with(|_| control.modify(|w| w.set_epena(true)));
+    Ok(len)
 }
 
 /// Waits for an event of the bus, on which no state here depends.

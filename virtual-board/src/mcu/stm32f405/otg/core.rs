@@ -8,7 +8,7 @@
 //! | One receive FIFO for all OUT endpoints: a status word, then the data; popped through GRXSTSP | 34.11.1, 34.17.5 |
 //! | A transmit FIFO for each IN endpoint; TXFE, free space; a full one accepts no more, and none may overlap | 34.11.2, 34.16.4 |
 //! | SETUP: always accepted, sets both NAKs of endpoint 0, clears its STALLs, done at the next token | 34.17.5 |
-//! | STUPCNT: one less with each SETUP | 34.17.5 |
+//! | STUPCNT: one less with each SETUP, by the variant | 34.17.5 |
 //! | OUT: NAK without room, packet count, or with NAKSTS; NAKSTS after the transfer; XFRC as its status is popped | 34.17.5 |
 //! | IN: sent once enabled, no NAK, and the FIFO holds the packet; XFRC at the host's ACK | 34.17.6 |
 //! | Data toggles, STALL, NAK set and cleared, endpoint disable, global IN NAK | 34.16.4 |
@@ -19,14 +19,13 @@
 //! Not modelled: host mode, isochronous endpoints, the periodic end-of-frame interrupt (EOPF), remote wake-up, and the
 //! wake-up line to the EXTI. Interrupts that are not modelled are never raised.
 //!
-//! If the chip deviates from the manual, the model follows the chip: in the manual the core may clear EPENA of an OUT
-//! endpoint at the end of its transfer (34.17.5), but drivers that re-arm only with CNAK work on the chip. Here EPENA
-//! of an OUT endpoint stays.
+//! Where the manual and drivers disagree, [`OtgVariant`] decides.
 
 use std::collections::VecDeque;
 use std::ops::Range;
 
 use super::registers::*;
+use super::variant::OtgVariant;
 use crate::time::Nanos;
 use crate::timing::Clock;
 use crate::usb::{Direction, Function, Handshake, Reply};
@@ -139,6 +138,7 @@ pub(super) struct Core {
     /// The durations of steps, and the steps in progress with their ends.
     clock: Clock,
     steps: Vec<(Nanos, Step)>,
+    variant: OtgVariant,
 }
 
 impl Core {
@@ -168,14 +168,17 @@ impl Core {
         Self {
             now: self.now,
             vbus: self.vbus,
-            clock: self.clock,
-            ..Self::new()
+            ..Self::of(self.clock, self.variant)
         }
     }
 
-    /// A controller with step durations from this clock.
-    pub(super) fn with_clock(clock: Clock) -> Self {
-        Self { clock, ..Self::new() }
+    /// A controller of this variant, with step durations from this clock.
+    pub(super) fn of(clock: Clock, variant: OtgVariant) -> Self {
+        Self {
+            clock,
+            variant,
+            ..Self::new()
+        }
     }
 
     /// The end of the next step.
@@ -707,9 +710,11 @@ impl Function for Core {
         }
         self.setup_open = true;
         self.receive(0, grxsts::SETUP_DATA, false, &request);
-        let size = &mut self.output[0].size;
-        let left = ((*size & eptsiz::STUPCNT) >> eptsiz::STUPCNT_AT).saturating_sub(1);
-        *size = *size & !eptsiz::STUPCNT | left << eptsiz::STUPCNT_AT;
+        if !self.variant.keeps_setup_count {
+            let size = &mut self.output[0].size;
+            let left = ((*size & eptsiz::STUPCNT) >> eptsiz::STUPCNT_AT).saturating_sub(1);
+            *size = *size & !eptsiz::STUPCNT | left << eptsiz::STUPCNT_AT;
+        }
         for control in [&mut self.input[0].control, &mut self.output[0].control] {
             *control = *control & !epctl::STALL | epctl::NAKSTS | epctl::DPID;
         }
@@ -739,6 +744,10 @@ impl Function for Core {
                 let done = packets == 0 || data.len() < output.packet(endpoint);
                 if done {
                     output.control |= epctl::NAKSTS;
+                }
+                // Drivers do not enable endpoint 0.
+                if done && endpoint != 0 && self.variant.disables_out_endpoints {
+                    output.control &= !epctl::EPENA;
                 }
                 self.receive(endpoint, grxsts::OUT_DATA, toggle, data);
                 if done {

@@ -2,9 +2,11 @@
 
 mod core;
 mod registers;
+mod variant;
 
 use self::core::Core;
 use self::registers::eptsiz;
+pub use self::variant::OtgVariant;
 use crate::shared::{Shared, lock};
 use crate::soc::peripheral::{Peripheral, Refused, check_reserved, forbidden};
 use crate::time::Nanos;
@@ -27,9 +29,9 @@ pub(super) struct Otg {
 }
 
 impl Otg {
-    pub(super) fn new(host: Shared<Host>, clock: Clock) -> Self {
+    pub(super) fn new(host: Shared<Host>, clock: Clock, variant: OtgVariant) -> Self {
         Self {
-            core: Core::with_clock(clock),
+            core: Core::of(clock, variant),
             host,
             wake: None,
             progress: false,

@@ -62,6 +62,30 @@ fn out_transfer_ends_by_count_or_short_packet() {
 }
 
 #[test]
+fn variant_disables_out_endpoint_after_its_transfer() {
+    for disables_out_endpoints in [false, true] {
+        let mut core = with_bulk();
+        core.variant.disables_out_endpoints = disables_out_endpoints;
+        assert_eq!(core.output(0, 1, false, &[1]), Handshake::Ack);
+        let enabled = core.read(DOEP + ENDPOINT_SPAN + CTL) & epctl::EPENA != 0;
+        assert_eq!(enabled, !disables_out_endpoints);
+        core.write(DOEP + ENDPOINT_SPAN + TSIZ, 1 << eptsiz::PKTCNT_AT | 64);
+        set(&mut core, DOEP + ENDPOINT_SPAN + CTL, epctl::CNAK);
+        let answer = if enabled { Handshake::Ack } else { Handshake::Nak };
+        assert_eq!(core.output(0, 1, true, &[2]), answer);
+    }
+}
+
+#[test]
+fn variant_keeps_the_count_of_setups() {
+    let mut core = connected();
+    core.variant.keeps_setup_count = true;
+    core.write(DOEP + TSIZ, 3 << eptsiz::STUPCNT_AT);
+    assert!(core.setup(0, [0; 8]));
+    assert_eq!(core.read(DOEP + TSIZ) >> eptsiz::STUPCNT_AT, 3);
+}
+
+#[test]
 fn disabled_out_endpoint_naks_and_flags_it() {
     let mut core = connected();
     core.write(DOEP + ENDPOINT_SPAN + TSIZ, 1 << eptsiz::PKTCNT_AT | 64);
