@@ -44,6 +44,7 @@ impl Handler<OTG_FS> for SetupHandler {
     unsafe fn on_interrupt() {
         if has_setup_arrived() || is_setup_waiting() {
             SETUP_ARRIVED.store(true, Ordering::Relaxed);
+            hold_answer();
         }
         if is_over() {
             wake_stage();
@@ -92,6 +93,20 @@ fn hold_data() {
         w.set_epena(false);
         w.set_snak(true);
     });
+}
+
+/// Sends no packet of endpoint 0, for the HAL flushes it as it fetches a SETUP packet, and a flush needs the NAK in force
+/// (RM0090 34.16.2, OTG_FS_GRSTCTL). A stage may have cleared the NAK that the SETUP packet had set.
+fn hold_answer() {
+    let control = USB_OTG_FS.diepctl(0);
+    let held = control.read();
+    if held.epena() && !held.naksts() {
+        control.modify(|w| {
+            w.set_epena(false);
+            w.set_snak(true);
+        });
+        soon(|| USB_OTG_FS.diepint(0).read().inepne());
+    }
 }
 
 /// Withdraws the packet in endpoint 0 after a SETUP packet, which has set the endpoint's NAK (RM0090 34.17.6, "IN

@@ -235,7 +235,7 @@ impl Core {
             Step::FlushTransmit(number) => {
                 self.grstctl &= !grstctl::TXFFLSH;
                 for (each, input) in self.input.iter_mut().enumerate() {
-                    if number == grstctl::ALL || number as usize == each {
+                    if is_of(number, each) {
                         input.fifo.clear();
                     }
                 }
@@ -401,8 +401,7 @@ impl Core {
             self.misuse = Some("34.11.2: more than a transmit FIFO holds was written to it");
             return;
         }
-        let flushes =
-            |step| matches!(step, Step::FlushTransmit(number) if number == grstctl::ALL || number as usize == endpoint);
+        let flushes = |step| matches!(step, Step::FlushTransmit(number) if is_of(number, endpoint));
         if self.is_under_way(flushes) {
             self.misuse = Some("34.16.2: a transmit FIFO was written to while it is flushed");
         }
@@ -463,6 +462,9 @@ impl Core {
         let busy = self.grstctl & (grstctl::RXFFLSH | grstctl::TXFFLSH);
         let begun = value & (grstctl::RXFFLSH | grstctl::TXFFLSH);
         self.grstctl = grstctl::AHBIDL | value & grstctl::TXFNUM | busy | begun;
+        if begun & grstctl::TXFFLSH != 0 && (0..ENDPOINTS).any(|each| is_of(number, each) && self.may_send(each)) {
+            self.misuse = Some("34.16.2: a transmit FIFO was flushed while its endpoint may send from it");
+        }
         for (bit, step) in [
             (grstctl::RXFFLSH, Step::FlushReceive),
             (grstctl::TXFFLSH, Step::FlushTransmit(number)),
@@ -471,6 +473,15 @@ impl Core {
                 self.begin(step);
             }
         }
+    }
+
+    /// Returns true if an IN endpoint is enabled, and no NAK of it is in force (34.16.2, TXFFLSH: "NAK Effective").
+    fn may_send(&self, endpoint: usize) -> bool {
+        let input = &self.input[endpoint];
+        let held = input.control & epctl::NAKSTS != 0
+            && !input.sends
+            && !self.is_under_way(|step| step == Step::Nak(endpoint));
+        input.control & epctl::EPENA != 0 && !held && self.dctl & device::GINSTS == 0
     }
 
     fn write_device_control(&mut self, value: u32) {
@@ -913,6 +924,11 @@ fn endpoint_register(offset: u32) -> Option<(Direction, usize, u32)> {
             let endpoint = (within / ENDPOINT_SPAN) as usize;
             (endpoint < ENDPOINTS).then_some((direction, endpoint, within % ENDPOINT_SPAN))
         })
+}
+
+/// Returns true if TXFNUM stands for the transmit FIFO of an endpoint.
+fn is_of(number: u32, endpoint: usize) -> bool {
+    number == grstctl::ALL || number as usize == endpoint
 }
 
 fn fifo_of(offset: u32) -> usize {

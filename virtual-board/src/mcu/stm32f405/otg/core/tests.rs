@@ -245,7 +245,10 @@ fn empty_packet_needs_no_fifo() {
 fn flushed_packet_does_not_go() {
     let mut core = with_bulk();
     send(&mut core, b"gone");
+    let control = core.read(DIEP + ENDPOINT_SPAN + CTL);
+    core.write(DIEP + ENDPOINT_SPAN + CTL, control & !epctl::EPENA | epctl::SNAK);
     core.write(GRSTCTL, grstctl::TXFFLSH | 1 << grstctl::TXFNUM_AT);
+    assert_eq!(core.take_misuse(), None);
     assert_eq!(core.read(GRSTCTL) & grstctl::TXFFLSH, 0, "done at once");
     assert_eq!(core.input(0, 1), Reply::Nak);
     assert_eq!(core.read(DIEP + ENDPOINT_SPAN + TXFSTS), 16);

@@ -260,6 +260,33 @@ fn transmit_fifo_write_during_flush_is_reported() {
 }
 
 #[test]
+fn flush_of_an_endpoint_that_may_send_is_reported() {
+    const FLUSH: u32 = grstctl::TXFFLSH | 1 << grstctl::TXFNUM_AT;
+    for everything in [FLUSH, grstctl::TXFFLSH | grstctl::ALL << grstctl::TXFNUM_AT] {
+        let mut core = slow();
+        send(&mut core, b"x");
+        core.write(GRSTCTL, everything);
+        assert!(core.take_misuse().is_some());
+    }
+    let mut core = slow();
+    core.write(GRSTCTL, FLUSH);
+    assert_eq!(core.take_misuse(), None, "disabled");
+    later(&mut core, 1_000);
+    send(&mut core, b"x");
+    assert!(matches!(core.input(0, 1), Reply::Data { .. }));
+    let control = core.read(DIEP + ENDPOINT_SPAN + CTL);
+    core.write(DIEP + ENDPOINT_SPAN + CTL, control & !epctl::EPENA | epctl::SNAK);
+    core.write(GRSTCTL, FLUSH);
+    assert!(core.take_misuse().is_some(), "the NAK is not in force");
+    later(&mut core, 2_000);
+    core.write(GRSTCTL, FLUSH);
+    assert!(core.take_misuse().is_some(), "the packet is on the wire");
+    core.start_of_frame(1);
+    core.write(GRSTCTL, FLUSH);
+    assert_eq!(core.take_misuse(), None);
+}
+
+#[test]
 fn global_naks_are_in_force_after_their_time() {
     let mut core = slow();
     core.write(DCTL, device::SGINAK | device::SGONAK);
