@@ -10,6 +10,8 @@ const ARM = 1;
 const FLASH = 0x10000000;
 const RAM = 0x20000000;
 const WATCHDOG = 0x40058;
+// SysTick, the NVIC and the other registers of the core (ARMv6-M, B3.2).
+const SYSTEM_CONTROL = 0xe000e000;
 
 // Reasons for holding the core.
 const BY_BOARD = 1 << 0;
@@ -204,6 +206,7 @@ export class Machine {
       [0x50100000, usbDPRAM.length],
     ];
     const isMemory = memories.some(([start, length]) => address >= start && address + 4 <= start + length);
-    return isMemory || (address >>> 14) << 2 in this.#rp2040.peripherals;
+    const isCore = address >>> 12 === SYSTEM_CONTROL >>> 12;
+    return isMemory || isCore || (address >>> 14) << 2 in this.#rp2040.peripherals;
   }
 }

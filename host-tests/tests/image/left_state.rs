@@ -80,12 +80,38 @@ const G431: [Left; 3] = [
     },
 ];
 
+/// ARMv6-M B3.3 and B3.4, RP2040 datasheet 4.1.4, 4.2.8 and 4.6.5. The emulator's resets of peripherals have no effect.
+const RP2040: [Left; 4] = [
+    Left {
+        name: "each interrupt is enabled",
+        writes: &[(NVIC_ISER, 0x03FF_FFFF)],
+    },
+    Left {
+        name: "each interrupt is pending",
+        writes: &[(NVIC_ISER + 0x100, 0x03FF_FFFF)],
+    },
+    Left {
+        name: "SysTick runs, with its interrupt",
+        writes: &[(0xE000_E014, 1_000), (0xE000_E010, 0b111)],
+    },
+    Left {
+        name: "USB and the arm's UART run, with their interrupts",
+        writes: &[
+            (0x5011_0040, 1),
+            (0x5011_0090, 0x000F_FFFF),
+            (0x4003_8030, 0x0301),
+            (0x4003_8038, 0x07FF),
+            (NVIC_ISER, 1 << 5 | 1 << 21),
+        ],
+    },
+];
+
 #[test]
 fn image_starts_in_any_state_that_another_program_leaves() {
     let left: &[Left] = match chip() {
         Chip::Stm32f405 => &F405,
         Chip::Stm32g431 => &G431,
-        _ => return,
+        Chip::Rp2040 => &RP2040,
     };
     for left in left {
         let config = board_config(RawArm::default());

@@ -202,10 +202,15 @@ impl Rp2040 {
 
     /// Executes an access of a debugger, the last command.
     fn access(&mut self) -> Option<u32> {
-        match self.process.execute(&mut self.commands).ok()?[..] {
-            [Event::Value(value)] => value,
-            _ => None,
+        let mut found = None;
+        for event in self.process.execute(&mut self.commands).ok()? {
+            match event {
+                Event::Value(value) => found = value,
+                // A write to a register acts as that of the program.
+                other => self.handle(other),
+            }
         }
+        found
     }
 }
 

@@ -54,6 +54,9 @@ impl Handler<OTG_FS> for SetupHandler {
 
 /// Returns true if a SETUP packet arrived since the last request was taken. A bus reset clears the controller's count,
 /// but not the flag.
+///
+/// TinyUSB and ST's HAL go by DOEPINT.SETUP, which comes only after the FIFO entries before it are read: too late for
+/// [`is_over`].
 fn has_setup_arrived() -> bool {
     SETUP_ARRIVED.load(Ordering::Relaxed) || USB_OTG_FS.doeptsiz(0).read().rxdpid_stupcnt() != SETUP_PACKETS
 }
@@ -123,13 +126,23 @@ fn withdraw_packet() {
 /// Withdraws the packets in endpoints that the host will not fetch.
 ///
 /// A bus reset leaves these endpoints enabled, and the HAL would wait forever for their packets (RM0090 34.17.6, "IN
-/// endpoint disable").
+/// endpoint disable"). TinyUSB has the same order and waits (`dcd_dwc2.c`, `edpt_disable`).
 pub(crate) fn cancel_unfetched_packets() {
     for endpoint in 1..ENDPOINTS {
-        let control = USB_OTG_FS.diepctl(endpoint);
-        if control.read().epena() {
-            disable(control);
-        }
+        let (control, flags) = (USB_OTG_FS.diepctl(endpoint), USB_OTG_FS.diepint(endpoint));
+        // The HAL's interrupt handler clears an endpoint's flags.
+        critical_section::with(|_| {
+            if control.read().epena() {
+                control.modify(|w| {
+                    w.set_epena(false);
+                    w.set_snak(true);
+                });
+                soon(|| flags.read().inepne());
+                disable(control);
+                soon(|| !control.read().epena());
+                flush(endpoint);
+            }
+        });
     }
 }
 
@@ -185,6 +198,9 @@ fn flush(endpoint: usize) -> bool {
 
 /// Resets an endpoint's data toggle to DATA0 (USB 2.0, 9.1.1.5, 9.4.5, 9.4.10), and halts it or ends its halt. A packet
 /// that waits there stays.
+///
+/// ST's HAL sets the STALL of an OUT endpoint in the same way. TinyUSB sets the NAK of all OUT endpoints first: the packets
+/// of the others would wait for this request.
 fn restart(endpoint: EndpointAddress, halted: bool) {
     let index = endpoint.index();
     // Writing back a one would restart a transfer that ended in between.

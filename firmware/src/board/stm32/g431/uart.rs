@@ -51,7 +51,8 @@ impl Usart {
     /// Reads and clears the UART's flags.
     pub(crate) fn take_status(&self) -> Status {
         let isr = UART.isr().read();
-        // Writing 1 clears.
+        // Writing 1 clears. The DMA gets the byte of an error afterwards. No other driver with DDRE is known: DMAR at 0
+        // meanwhile would cost the bytes behind it.
         UART.icr().write(|w| {
             w.set_fe(isr.fe());
             w.set_pe(isr.pe());
