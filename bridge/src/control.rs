@@ -190,7 +190,11 @@ impl Message for FromAdapter {
             Self::Reply {
                 reply: Reply::Identity(identity),
                 ..
-            } => identity.version < 6 && numbers == 1,
+            } => match identity.version {
+                ..6 => numbers == 2,
+                6 => numbers == 1,
+                _ => false,
+            },
             _ => false,
         }
     }
@@ -348,6 +352,9 @@ pub struct Identity {
     pub can_fd: bool,
     /// True if the board has no CAN. False from an adapter of an older version, which does not tell. Since version 6.
     pub no_can: bool,
+    /// The chip's kind and revision as its register has them: DBGMCU_IDCODE of an STM32, CHIP_ID of an RP2040. 0 from an
+    /// adapter of an older version, which does not tell. Since version 7.
+    pub chip: u32,
 }
 
 /// The arm's identity.

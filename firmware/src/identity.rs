@@ -16,6 +16,7 @@ pub(crate) fn identity() -> Identity {
         version: control::VERSION,
         can_fd: board::CAN_FD,
         no_can: !board::HAS_CAN,
+        chip: board::chip_id(),
         ..Identity::default()
     };
     // Strings that are too long are left out: all but the serial number are known at compile time.

@@ -105,8 +105,9 @@ fn text<const N: usize>() -> impl Strategy<Value = heapless::String<N, u8>> {
 }
 
 fn identity() -> impl Strategy<Value = Identity> {
-    (any::<u16>(), text(), text(), text(), text(), any::<[bool; 2]>()).prop_map(
-        |(version, firmware, commit, board, serial, [can_fd, no_can])| Identity {
+    let numbers = (any::<u16>(), any::<u32>());
+    (numbers, text(), text(), text(), text(), any::<[bool; 2]>()).prop_map(
+        |((version, chip), firmware, commit, board, serial, [can_fd, no_can])| Identity {
             version,
             firmware,
             commit,
@@ -114,6 +115,7 @@ fn identity() -> impl Strategy<Value = Identity> {
             serial,
             can_fd,
             no_can,
+            chip,
         },
     )
 }
@@ -594,8 +596,21 @@ fn identity_of_version_5_does_not_lack_can() {
 }
 
 #[test]
-fn identity_of_version_6_ends_with_no_can() {
-    let whole = [&identity_bytes(6)[..], &[0, 1]].concat();
+fn identity_of_version_6_does_not_name_its_chip() {
+    let older = [&identity_bytes(6)[..], &[0, 1]].concat();
+    let Ok(FromAdapter::Reply {
+        reply: Reply::Identity(identity),
+        ..
+    }) = decode(&older)
+    else {
+        panic!("{:?}", decode::<FromAdapter>(&older))
+    };
+    assert_eq!((identity.no_can, identity.chip), (true, 0));
+}
+
+#[test]
+fn identity_of_version_7_ends_with_its_chip() {
+    let whole = [&identity_bytes(7)[..], &[0, 1, 0xAC, 0x02]].concat();
     let Ok(FromAdapter::Reply {
         reply: Reply::Identity(identity),
         ..
@@ -604,6 +619,7 @@ fn identity_of_version_6_ends_with_no_can() {
         panic!("{:?}", decode::<FromAdapter>(&whole))
     };
     assert!(identity.no_can && !identity.can_fd);
+    assert_eq!(identity.chip, 300);
     assert_eq!(
         encoded(&FromAdapter::Reply {
             sequence: 7,
@@ -615,7 +631,7 @@ fn identity_of_version_6_ends_with_no_can() {
 
 #[test]
 fn identity_that_is_cut_is_malformed() {
-    for (version, ends) in [(5, &[0][..]), (6, &[0, 1])] {
+    for (version, ends) in [(5, &[0][..]), (6, &[0, 1]), (7, &[0, 1, 0])] {
         let whole = [&identity_bytes(version)[..], ends].concat();
         for cut in 3..whole.len() {
             let error = decode::<FromAdapter>(&whole[..cut]).expect_err("a cut message");
@@ -646,6 +662,7 @@ fn longest_messages_fit() {
         serial: full.as_str().try_into().unwrap(),
         can_fd: true,
         no_can: true,
+        chip: u32::MAX,
     };
     let counts = [[0xFF, 0xFF, 0xFF, 0xFF, 0x0F]; Counters::COUNT];
     let most_counters = Counters::from_bytes(counts.as_flattened()).unwrap();

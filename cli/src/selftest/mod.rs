@@ -47,7 +47,7 @@ use self::plan::planned;
 use self::report::Checked;
 pub use self::report::{Check, Passed, Trouble, report};
 pub use self::usb::{Direction, Payload, Pipe, Request as UsbRequest, Usb, UsbError};
-use crate::adapter::describe;
+use crate::adapter::{chip, describe};
 
 type CheckFn = fn(&mut Bench<'_>, &Plan) -> Checked;
 
@@ -130,6 +130,7 @@ fn control_port(bench: &mut Bench<'_>) -> Checked {
         ("serial", json!(identity.serial)),
         ("firmware", json!(identity.firmware)),
         ("commit", json!(identity.commit)),
+        ("chip", json!(chip(&identity))),
     ];
     Ok(Passed::new(describe(&identity).to_string(), figures))
 }

@@ -38,7 +38,7 @@ fn info_shows_the_adapter_and_the_arm() {
     assert_eq!(
         lines,
         [
-            "adapter          virtual, serial number 0123456789AB, firmware 1.2.3 (1a2b3c4d5e6f)",
+            "adapter          virtual, serial number 0123456789AB, firmware 1.2.3 (1a2b3c4d5e6f), chip 0x10016413",
             "configured       arm ling, poll off, silence after 500 ms",
             "can              node 0, 1000000 bit/s, telemetry off, commands off",
             "arm              Ling follower",
@@ -62,7 +62,7 @@ fn adapter_without_can_shows_none() {
     assert_eq!(
         lines,
         [
-            "adapter          virtual, serial number 0123456789AB, firmware 1.2.3 (1a2b3c4d5e6f)",
+            "adapter          virtual, serial number 0123456789AB, firmware 1.2.3 (1a2b3c4d5e6f), chip 0x10016413",
             "configured       arm ling, poll off, silence after 500 ms",
         ]
     );

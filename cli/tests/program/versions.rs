@@ -26,11 +26,15 @@ const GET_RECOVERY: u8 = 16;
 const CONFIG: [u8; 15] = [4, 0, 0, 0, 0xC0, 0x84, 0x3D, 0, 0, 0, 100, 0, 0xF4, 0x03, 0];
 const LINE: [u8; 13] = [9, 0xC0, 0x84, 0x3D, 0, 0, 0xC0, 0x84, 0x3D, 0, 0, 0, 0];
 
-/// The identity of an adapter with this version. Version 6 has two flags.
+/// The identity of an adapter with this version. Version 6 has two flags, version 7 the chip 0x1001_6413 behind them.
 fn identity(version: u8) -> Vec<u8> {
     let names = b"\x051.2.3\x0C1a2b3c4d5e6f\x07virtual\x0C0123456789AB";
-    let flags: &[u8] = if version < 6 { &[0] } else { &[0, 0] };
-    [&[2, version], &names[..], flags].concat()
+    let end: &[u8] = match version {
+        ..6 => &[0],
+        6 => &[0, 0],
+        _ => &[0, 0, 0x93, 0xC8, 0x85, 0x80, 0x01],
+    };
+    [&[2, version], &names[..], end].concat()
 }
 
 /// Counters, all of them 1.
@@ -135,15 +139,16 @@ fn unknown_counters_of_version_8_are_skipped() {
 
 #[test]
 fn adapter_of_any_version_is_described() {
-    let expected = [
-        "adapter          virtual, serial number 0123456789AB, firmware 1.2.3 (1a2b3c4d5e6f)",
-        "configured       arm ling, poll off, silence after 500 ms",
-        "can              node 0, 1000000 bit/s, telemetry off, commands off",
-    ];
     for version in 3..=8 {
         // Version 8 has more at the end of each message.
         let added: &[u8] = if version == 8 { &[1, 2, 3] } else { &[] };
         let text = printed(run_with(&["info", "control:PORT"], replies(version, 60, added)));
+        let chip = if version < 7 { "" } else { ", chip 0x10016413" };
+        let expected = [
+            &format!("adapter          virtual, serial number 0123456789AB, firmware 1.2.3 (1a2b3c4d5e6f){chip}"),
+            "configured       arm ling, poll off, silence after 500 ms",
+            "can              node 0, 1000000 bit/s, telemetry off, commands off",
+        ];
         assert_eq!(text.lines().collect::<Vec<_>>(), expected, "version {version}");
     }
 }

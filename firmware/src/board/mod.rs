@@ -25,7 +25,7 @@
 //! | `POLL_LEAD_TIME` | the time before its slot at which a poll is handed to the UART |
 //! | `hal` | the chip's HAL |
 //! | `mask()` | masks interrupt handlers up to a priority |
-//! | `reset()`, `serial_number()` | restarts the chip; the chip's unique id |
+//! | `reset()`, `serial_number()`, `chip_id()` | restarts the chip; the chip's unique id; its kind and revision |
 //! | `ConfigFlash`, `CONFIG_FLASH` | the flash of the configuration: a `NorFlash`, and a range of it |
 //! | `FlashError`, `is_supply_low()` | the error of a failed write, and true if the supply voltage was too low |
 //! | `enter_boot_loader()` | starts the boot loader in the chip's ROM |

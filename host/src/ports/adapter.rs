@@ -180,7 +180,17 @@ pub fn identity(identity: &Identity) -> Fact {
         ("adapter_commit", json!(identity.commit)),
     ];
     let can_fd = (!identity.no_can).then(|| ("adapter_can_fd", json!(identity.can_fd)));
-    Fact::of("adapter", describe(identity), values.into_iter().chain(can_fd))
+    let chip = chip(identity).map(|chip| ("adapter_chip", json!(chip)));
+    Fact::of(
+        "adapter",
+        describe(identity),
+        values.into_iter().chain(can_fd).chain(chip),
+    )
+}
+
+/// The chip's kind and revision, as its register has them. `None` if the adapter does not tell.
+pub fn chip(identity: &Identity) -> Option<String> {
+    (identity.chip != 0).then(|| format!("{:#010x}", identity.chip))
 }
 
 /// An adapter's identity as text.
@@ -190,8 +200,9 @@ pub fn describe(identity: &Identity) -> Outside {
         commit => format!(" ({commit})"),
     };
     let can_fd = if identity.can_fd { ", CAN FD" } else { "" };
+    let chip = chip(identity).map_or_else(String::new, |chip| format!(", chip {chip}"));
     let text = format!(
-        "{}, serial number {}, firmware {}{commit}{can_fd}",
+        "{}, serial number {}, firmware {}{commit}{can_fd}{chip}",
         identity.board, identity.serial, identity.firmware
     );
     text.into()

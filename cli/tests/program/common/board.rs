@@ -108,6 +108,7 @@ fn identity() -> Identity {
         serial: "0123456789AB".try_into().unwrap(),
         can_fd: false,
         no_can: false,
+        chip: 0x1001_6413,
     }
 }
 

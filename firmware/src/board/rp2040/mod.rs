@@ -24,7 +24,7 @@ pub(crate) use init::init;
 pub(crate) use led::Led;
 pub(crate) use mask::mask;
 pub(crate) use peripherals::*;
-pub(crate) use reset::{INTERRUPTS, reset, reset_clocks, take_reset};
+pub(crate) use reset::{INTERRUPTS, chip_id, reset, reset_clocks, take_reset};
 pub(crate) use time::{Stamp, clear_burst_alarm, clear_idle_alarm, set_end_alarm, set_idle_alarm, transmit_at};
 pub(crate) use uart as usart;
 pub(crate) use usb::{cancel_unfetched_packet, cancel_unfetched_packets};

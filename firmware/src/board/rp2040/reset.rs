@@ -24,6 +24,11 @@ pub(crate) fn take_reset() -> ChipReset {
     }
 }
 
+/// The chip's kind and revision: CHIP_ID (2.20.2).
+pub(crate) fn chip_id() -> u32 {
+    pac::SYSINFO.chip_id().read().0
+}
+
 /// Restarts the chip with all peripherals. A reset by the core's own register would leave these as they are.
 pub(crate) fn reset() -> ! {
     // SAFETY: nothing else runs from here on.

@@ -44,6 +44,6 @@ pub(crate) use g431::*;
 pub(crate) use led::Led;
 pub(crate) use mask::mask;
 pub(crate) use peripherals::Board;
-pub(crate) use reset::{reset, serial_number};
+pub(crate) use reset::{chip_id, reset, serial_number};
 pub(crate) use time::{take_byte_alarm, transmit_at, wake_byte_interrupt_in};
 pub(crate) use watchdog::Watchdog;

@@ -11,3 +11,8 @@ pub(crate) fn reset() -> ! {
 pub(crate) fn serial_number() -> &'static str {
     embassy_stm32::uid::uid_hex()
 }
+
+/// The chip's kind and revision: DBGMCU_IDCODE (RM0090 38.6.1, RM0440 47.6.1).
+pub(crate) fn chip_id() -> u32 {
+    embassy_stm32::pac::DBGMCU.idcode().read().0
+}

@@ -101,6 +101,11 @@ fn passes(exact_cycles: bool, timing: Timing) {
     assert_eq!(checks.len(), 13);
     let report = report(&checks, counters(&mut BoardUsb::new(&mut board)).as_ref());
     assert!(report["checks"][0]["firmware"].is_string(), "{report}");
+    let chip_id = report["checks"][0]["chip"].as_str();
+    assert!(
+        chip_id.is_some_and(|id| id.starts_with("0x") && id.len() == 10),
+        "{report}"
+    );
     assert!(report["counters"]["config_saves"].as_u64() > Some(0), "{report}");
     assert!(!report.to_string().contains(facts(chip()).serial));
     board.report().check().unwrap();
