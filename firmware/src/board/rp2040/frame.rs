@@ -4,12 +4,8 @@
 //! the chip is reset (RP2040-E15). TinyUSB leaves out the same part (`rp2040_usb.c`, `e15_is_critical_frame_period`).
 
 use core::sync::atomic::{AtomicBool, AtomicU16, AtomicU32, Ordering};
-use core::task::{Context, Poll};
 
 use embassy_rp::pac::{TIMER, USB};
-use embassy_sync::waitqueue::AtomicWaker;
-
-use super::usb::ENDPOINTS;
 
 /// The part before the end, in microseconds after the start of the frame.
 const TIME: u32 = 800;
@@ -29,19 +25,16 @@ static START: AtomicU32 = AtomicU32::new(0);
 static LAST: AtomicU16 = AtomicU16::new(0);
 static IS_KNOWN: AtomicBool = AtomicBool::new(false);
 
-/// The tasks that wait for the next frame, by their endpoints.
-static WAITING: [AtomicWaker; ENDPOINTS] = [const { AtomicWaker::new() }; ENDPOINTS];
-
 /// Enables the interrupt at the start of a frame.
 pub(super) fn enable_interrupt() {
     // The HAL's handler disables others.
     critical_section::with(|_| USB.inte().modify(|w| w.set_dev_sof(true)));
 }
 
-/// Takes the start of a frame, if that is the reason of the interrupt.
-pub(super) fn note_start() {
+/// Takes the start of a frame. Returns false if that is not the reason of the interrupt.
+pub(super) fn note_start() -> bool {
     if !USB.ints().read().dev_sof() {
-        return;
+        return false;
     }
     let now = micros();
     let number = take_number();
@@ -54,7 +47,7 @@ pub(super) fn note_start() {
     let is_late = IS_KNOWN.load(Ordering::Relaxed) && now.wrapping_sub(expected) < LATEST;
     START.store(if is_late { expected } else { now }, Ordering::Relaxed);
     IS_KNOWN.store(true, Ordering::Relaxed);
-    WAITING.iter().for_each(AtomicWaker::wake);
+    true
 }
 
 /// The interrupt has waited for long: the time of the start is that of the next one.
@@ -68,24 +61,14 @@ fn take_number() -> u16 {
     USB.sof_rd().read().count()
 }
 
-/// Waits until a frame has time for a packet.
-pub(super) fn poll_has_time(endpoint: usize, cx: &mut Context<'_>) -> Poll<()> {
-    if let Some(waiting) = WAITING.get(endpoint) {
-        waiting.register(cx.waker());
-    }
-    match has_time() {
-        true => Poll::Ready(()),
-        false => Poll::Pending,
-    }
-}
-
 /// Waits for time as long as a frame, for a packet of a request, which has none without one.
 pub(super) fn wait_for_time() {
     let start = micros();
     while !has_time() && micros().wrapping_sub(start) < FRAME {}
 }
 
-fn has_time() -> bool {
+/// Returns true if a frame has time for a packet.
+pub(super) fn has_time() -> bool {
     IS_KNOWN.load(Ordering::Relaxed) && micros().wrapping_sub(START.load(Ordering::Relaxed)) < TIME
 }
 

@@ -4,13 +4,14 @@
 use core::future::{Future, poll_fn};
 use core::pin::pin;
 use core::sync::atomic::{AtomicBool, Ordering};
-use core::task::{Context, Poll, ready};
+use core::task::{Context, Poll};
 
 use embassy_rp::interrupt::typelevel::{Handler, USBCTRL_IRQ};
 use embassy_rp::pac::common::{RW, Reg};
 use embassy_rp::pac::usb_dpram::regs::EpBufferControl;
 use embassy_rp::pac::{SYSINFO, USB, USB_DPRAM};
 use embassy_rp::{peripherals, usb};
+use embassy_sync::waitqueue::AtomicWaker;
 use embassy_usb::driver::{
     self, Bus as _, ControlPipe as _, Direction, Endpoint as _, EndpointAddress, EndpointError, EndpointIn as _,
     EndpointOut as _, Event,
@@ -33,6 +34,9 @@ pub(in crate::board) const ENDPOINTS: usize = 16;
 /// The revision B2 in CHIP_ID (2.20.2).
 const REVISION_B2: u8 = 2;
 
+/// The tasks that wait for the next frame with a packet, by their endpoints.
+static FRAME_STARTED: [AtomicWaker; ENDPOINTS] = [const { AtomicWaker::new() }; ENDPOINTS];
+
 /// The bus was reset since the last wait for an event.
 static WAS_RESET: AtomicBool = AtomicBool::new(false);
 
@@ -49,7 +53,9 @@ pub(super) struct SetupHandler;
 
 impl Handler<USBCTRL_IRQ> for SetupHandler {
     unsafe fn on_interrupt() {
-        frame::note_start();
+        if frame::note_start() {
+            FRAME_STARTED.iter().for_each(AtomicWaker::wake);
+        }
         if is_over() {
             withdraw_answer();
             wake_stage();
@@ -220,7 +226,11 @@ pub(in crate::board) async fn write(endpoint: &mut HalIn, packet: &[u8]) -> Resu
     poll_fn(|cx| {
         // No handler comes between the check of the time and the packet.
         critical_section::with(|_| {
-            ready!(frame::poll_has_time(index, cx));
+            // This comes before the check: the frame may start in between.
+            FRAME_STARTED[index].register(cx.waker());
+            if !frame::has_time() {
+                return Poll::Pending;
+            }
             pin!(endpoint.write(packet)).poll(cx)
         })
     })
