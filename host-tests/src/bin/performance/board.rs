@@ -35,7 +35,7 @@ pub(crate) struct Limits {
 
 const BOARDS: [(Chip, bool, Limits); 4] = [
     (Chip::Stm32f405, false, limits([28.0, 35.0, 55.0, 40.0], 0.1, 24.0, 5.0)),
-    (Chip::Stm32f405, true, limits([56.0, 82.0, 102.0, 85.0], 0.2, 43.0, 8.0)),
+    (Chip::Stm32f405, true, limits([56.0, 82.0, 125.0, 85.0], 0.2, 43.0, 8.0)),
     (Chip::Stm32g431, false, limits([32.0, 41.0, 66.0, 48.0], 0.1, 24.0, 5.5)),
     (
         Chip::Stm32g431,
