@@ -2,6 +2,11 @@
 
 use std::num::NonZeroU32;
 
+use armwire::alpha1::Alpha1;
+use armwire::ling::Ling;
+use armwire::ling::legacy::Legacy;
+use armwire::xarm::XArm;
+use armwire_host::describe::Arm as _;
 use armwire_host::{Connection, Options, Port, TcpAddress, has_serial_port};
 use clap::{Args, ValueEnum};
 
@@ -122,6 +127,19 @@ pub enum ArmKind {
     Alpha1,
     /// The servo bus of a UBTECH Alpha1: one wire, both directions.
     Alpha1Servo,
+}
+
+impl ArmKind {
+    /// The arm, in words.
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::Ling => Ling::NAME,
+            Self::LingLegacy => Legacy::NAME,
+            Self::Xarm => XArm::NAME,
+            Self::Alpha1 => Alpha1::NAME,
+            Self::Alpha1Servo => "the servo bus of an Alpha1",
+        }
+    }
 }
 
 /// The sender of bytes on an arm's line.

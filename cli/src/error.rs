@@ -26,8 +26,8 @@ pub(crate) enum Error {
     )]
     Undecodable { name: String, offset: u64, reason: Reason },
     /// Parts of a recording were not understood. They are in the output.
-    #[error("{name}: not understood: {count}, see the output")]
-    NotUnderstood { name: String, count: u64 },
+    #[error("{name}: {reasons}, see the output")]
+    NotUnderstood { name: String, reasons: String },
     /// The output went nowhere.
     #[error("cannot write the output: {0}")]
     Output(io::Error),

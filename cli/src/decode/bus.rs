@@ -5,10 +5,12 @@ use std::collections::BTreeMap;
 use armwire_bridge::can::{Function, Node};
 use armwire_host::describe::Protocol;
 
-use super::doubts::{Doubt, Doubts, Place};
-use super::log::{Record, Time};
+use super::doubts::Doubt;
+use super::log::{Logged, Time};
 use super::output::{Item, Output};
-use super::station::{Entry, Kind, Station};
+use super::station::{Content, Entry, Kind, Station};
+use super::sum::Part;
+use crate::args::{ArmKind, Speaker};
 use crate::printable::{cut, escaped};
 
 /// Maximum number of buses in a log. Each has PDUs in reassembly.
@@ -21,73 +23,81 @@ pub(super) struct Buses {
     /// By the index of the bus's name, and the node.
     stations: BTreeMap<(usize, Node), Station>,
     counts: Counts,
-    doubts: Doubts,
 }
 
-#[derive(Default)]
-struct Counts {
-    frames: u64,
+/// The counts of a log.
+#[derive(Clone, Default)]
+pub(super) struct Counts {
+    pub(super) frames: u64,
     pdus: u64,
     lost: u64,
     cyclic: u64,
     others: u64,
-    events: u64,
-    /// Frames that the logging program lost.
-    dropped: u64,
+    /// Number of PDUs with a frame of the arm, and with something else in its place.
+    pub(super) arm_frames: u64,
+    damaged: u64,
+    has_adapter: bool,
+    /// The arm whose frames are there in place of those of the chosen one.
+    pub(super) other_arm: Option<(ArmKind, Option<Speaker>)>,
+}
+
+impl Counts {
+    /// The counts for the sum.
+    pub(super) fn parts(&self) -> Vec<Part> {
+        let lost = self.has_adapter.then(|| Part::always("lost", self.lost).flaw());
+        let front = [Part::always("CAN frames", self.frames), Part::always("PDUs", self.pdus)];
+        let back = [
+            Part::always("cyclic frames", self.cyclic),
+            Part::always("frames of others", self.others),
+            Part::some("PDUs without a frame", self.damaged).flaw(),
+        ];
+        front.into_iter().chain(lost).chain(back).collect()
+    }
 }
 
 impl Buses {
-    /// The buses of adapters of an arm with this protocol.
-    pub(super) fn new(protocol: Protocol) -> Self {
+    /// The buses of adapters of this arm.
+    pub(super) fn new(arm: ArmKind) -> Self {
         Self {
-            protocol,
+            protocol: match arm {
+                ArmKind::Ling => Protocol::Ling,
+                ArmKind::LingLegacy => Protocol::LingLegacy,
+                ArmKind::Xarm => Protocol::Xarm,
+                ArmKind::Alpha1 | ArmKind::Alpha1Servo => Protocol::Alpha1,
+            },
             names: Vec::new(),
             stations: BTreeMap::new(),
             counts: Counts::default(),
-            doubts: Doubts::default(),
         }
     }
 
-    /// Takes the next record of the log, or the reason why it is not understood.
-    pub(super) fn take(&mut self, place: Place<'_>, record: Result<Record<'_>, Doubt>, out: &dyn Output) {
-        if let Err(reason) = record.and_then(|record| self.take_record(record, out)) {
-            self.doubts.add(place, &reason, out);
+    /// Takes the next frame of the log. The error is the reason why it is not understood.
+    pub(super) fn take(&mut self, logged: Logged<'_>, out: &dyn Output) -> Result<(), Doubt> {
+        self.counts.frames += 1;
+        let ours = logged.frame.and_then(|frame| Some((frame, Function::of(frame.id())?)));
+        let Some((frame, (function, node))) = ours else {
+            self.counts.others += 1;
+            return Ok(());
+        };
+        if !is_isotp(function) {
+            self.counts.cyclic += 1;
+            return Ok(());
         }
-    }
-
-    fn take_record(&mut self, record: Record<'_>, out: &dyn Output) -> Result<(), Doubt> {
-        match record {
-            Record::Comment => {}
-            Record::Other => self.counts.events += 1,
-            Record::Dropped(frames) => self.counts.dropped = self.counts.dropped.saturating_add(frames),
-            Record::Frame(logged) => {
-                self.counts.frames += 1;
-                let ours = logged.frame.and_then(|frame| Some((frame, Function::of(frame.id())?)));
-                let Some((frame, (function, node))) = ours else {
-                    self.counts.others += 1;
-                    return Ok(());
-                };
-                if !is_isotp(function) {
-                    self.counts.cyclic += 1;
-                    return Ok(());
-                }
-                let bus = self.bus(logged.bus)?;
-                if logged.lacking > 0 {
-                    let len = frame.data().len();
-                    return Err(Doubt::short(len, len - logged.lacking));
-                }
-                let station = self.stations.entry((bus, node));
-                let station = station.or_insert_with(|| Station::new(self.protocol));
-                let place = place(&logged.time, &self.names[bus], node);
-                let (entries, not_kept) = station.receive(&frame, function, &logged.time, &place);
-                if not_kept > 0 {
-                    self.counts.lost += not_kept;
-                    out.remark(format_args!("{place}: an adapter, PDUs lost before: {not_kept}"));
-                }
-                for entry in entries {
-                    self.show(&entry, out);
-                }
-            }
+        let bus = self.bus(&logged.bus)?;
+        if logged.lacking > 0 {
+            let len = frame.data().len();
+            return Err(Doubt::short(len, len - logged.lacking));
+        }
+        let station = self.stations.entry((bus, node));
+        let station = station.or_insert_with(|| Station::new(self.protocol));
+        let place = place(&logged.time, &self.names[bus], node);
+        let (entries, not_kept) = station.receive(&frame, function, &logged.time, &place);
+        if not_kept > 0 {
+            self.counts.lost += not_kept;
+            out.remark(format_args!("{place}: an adapter, PDUs lost before: {not_kept}"));
+        }
+        for entry in entries {
+            self.show(&entry, out);
         }
         Ok(())
     }
@@ -96,6 +106,15 @@ impl Buses {
         match entry.is_pdu {
             true => self.counts.pdus += 1,
             false => self.counts.lost += 1,
+        }
+        match entry.content {
+            Content::Frame(protocol) if protocol == self.protocol => self.counts.arm_frames += 1,
+            Content::Frame(protocol) => {
+                self.counts.damaged += 1;
+                self.counts.other_arm = arm(protocol).map(|arm| (arm, None));
+            }
+            Content::Nothing if entry.is_pdu => self.counts.damaged += 1,
+            Content::Control | Content::Nothing => {}
         }
         out.item(&Item {
             place: format_args!("{}", entry.place),
@@ -117,52 +136,40 @@ impl Buses {
         Ok(self.names.len() - 1)
     }
 
-    /// Prints the sum. Returns the number of records that were not understood.
-    pub(super) fn finish(&self, out: &dyn Output) -> u64 {
-        let Counts {
-            frames,
-            pdus,
-            lost,
-            cyclic,
-            others,
-            events,
-            dropped,
-        } = &self.counts;
-        let mut others = *others;
-        let mut has_adapter = false;
+    /// Ends the log. Returns the counts for its sum.
+    pub(super) fn finish(&self, out: &dyn Output) -> Counts {
+        let mut counts = self.counts.clone();
         for ((bus, node), station) in &self.stations {
             let at = station_name(&self.names[*bus], *node);
             match station.kind {
                 Kind::Adapter(evidence) => {
-                    has_adapter = true;
-                    if *lost > 0 {
+                    counts.has_adapter = true;
+                    if counts.lost > 0 {
                         out.remark(format_args!("{at}: an adapter, known by {evidence}"));
                     }
                 }
                 Kind::Unknown { frames, .. } => {
-                    others += frames;
+                    counts.others += frames;
                     out.remark(format_args!(
                         "{at}: frames with identifiers of an adapter, but not its content: {frames}"
                     ));
                 }
             }
         }
-        let some = |what: &str, count: u64| match count {
-            0 => String::new(),
-            count => format!(", {what}: {count}"),
-        };
-        let lost = if has_adapter {
-            format!(", lost: {lost}")
-        } else {
-            String::new()
-        };
-        out.remark(format_args!(
-            "CAN frames: {frames}, PDUs: {pdus}{lost}, cyclic frames: {cyclic}, frames of others: {others}{}{}{}",
-            some("other events", *events),
-            some("not logged", *dropped),
-            self.doubts.sum(),
-        ));
-        self.doubts.count()
+        if counts.arm_frames > 0 {
+            counts.other_arm = None;
+        }
+        counts
+    }
+}
+
+/// The arm with this protocol behind an adapter.
+fn arm(protocol: Protocol) -> Option<ArmKind> {
+    match protocol {
+        Protocol::Ling => Some(ArmKind::Ling),
+        Protocol::LingLegacy => Some(ArmKind::LingLegacy),
+        Protocol::Alpha1 => Some(ArmKind::Alpha1),
+        Protocol::Xarm => None,
     }
 }
 

@@ -1,13 +1,15 @@
 //! Detection of a recording's format from its first bytes.
 
+#[cfg(feature = "recordings")]
+use super::capture;
 use super::content::{Content, content, first_line};
 use super::format::Format;
 use super::input::{BYTE_ORDER_MARK, Head};
+use super::lines::LineReader;
 use super::log::candump::{self, Candump};
-#[cfg(feature = "recordings")]
-use super::log::pcap;
-use super::log::{Record, TextLog, blf, csv, gvret, printer};
+use super::log::{blf, csv, gvret, printer};
 use super::text::{decimal, dump, logged, time};
+use super::unit::Unit;
 use crate::error::Error;
 use crate::hex;
 
@@ -64,6 +66,20 @@ pub(super) fn detect(head: &mut Head<'_>) -> Result<Format, Error> {
     }
 }
 
+/// The order of the bytes in a hex dump. Reads as much as needed.
+pub(super) fn dump_order(head: &mut Head<'_>) -> Result<dump::Order, Error> {
+    let mut is_all = false;
+    loop {
+        let text = String::from_utf8_lossy(head.bytes().strip_prefix(BYTE_ORDER_MARK).unwrap_or(head.bytes()));
+        let ended = text.split_inclusive('\n').filter(|line| is_all || line.ends_with('\n'));
+        match dump::order((1..).zip(ended), is_all) {
+            Ok(Some(order)) => return Ok(order),
+            Ok(None) => is_all = !head.read_more()?,
+            Err((number, line, reason)) => return Err(head.refused_line(number, &line, &reason)),
+        }
+    }
+}
+
 /// The verdict on the first bytes of a recording.
 enum Verdict {
     Format(Format),
@@ -98,7 +114,7 @@ fn judge_marks(bytes: &[u8], is_all: bool) -> Option<Option<Format>> {
         return Some(Some(Format::Mcap));
     }
     #[cfg(feature = "recordings")]
-    for signature in pcap::SIGNATURES {
+    for signature in capture::SIGNATURES {
         if bytes.starts_with(signature) {
             return Some(Some(Format::Pcap));
         }
@@ -118,7 +134,7 @@ fn judge_marks(bytes: &[u8], is_all: bool) -> Option<Option<Format>> {
     if let Some(format) = judge_beginning(&line) {
         return Some(Some(format));
     }
-    if is_whole_line && matches!(Candump.record(&line), Ok(Record::Frame(_))) {
+    if is_whole_line && matches!(Candump.line(&line), Ok(Unit::Can(_))) {
         return Some(Some(Format::Candump));
     }
     // Each frame has a byte that no text has: AA for ling, ED for alpha1, 00 for xarm.

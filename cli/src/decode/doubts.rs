@@ -27,13 +27,10 @@ impl Doubts {
         self.0.iter().map(|(_, count)| count).sum()
     }
 
-    /// Their part of the sum, empty without any: `, not understood: 3 (no time: 2, NUL bytes: 1)`.
-    pub(super) fn sum(&self) -> String {
-        if self.0.is_empty() {
-            return String::new();
-        }
+    /// Their part of the sum, if there are any: `not understood: 3 (no time: 2, NUL bytes: 1)`.
+    pub(super) fn sum(&self) -> Option<String> {
         let kinds: Vec<_> = self.0.iter().map(|(kind, count)| format!("{kind}: {count}")).collect();
-        format!(", not understood: {} ({})", self.count(), kinds.join(", "))
+        (!kinds.is_empty()).then(|| format!("not understood: {} ({})", self.count(), kinds.join(", ")))
     }
 }
 
@@ -47,6 +44,8 @@ pub(crate) struct Doubt {
     pub(super) kind: &'static str,
     /// The reason in words.
     pub(crate) text: String,
+    /// Nothing behind it can be read.
+    pub(super) is_last: bool,
 }
 
 impl Doubt {
@@ -54,6 +53,15 @@ impl Doubt {
         Self {
             kind,
             text: text.into(),
+            is_last: false,
+        }
+    }
+
+    /// A reason why nothing more can be read.
+    pub(super) fn last(text: impl Into<String>) -> Self {
+        Self {
+            is_last: true,
+            ..Self::new("the rest", text)
         }
     }
 
@@ -99,6 +107,8 @@ pub(super) enum Place<'a> {
     Line(u64, &'a str),
     /// Its offset in bytes, in a container that of the container.
     Byte(u64),
+    /// The end of the recording.
+    End,
 }
 
 impl Display for Place<'_> {
@@ -106,6 +116,7 @@ impl Display for Place<'_> {
         match self {
             Self::Line(number, text) => write!(f, "line {number}: '{}'", cut(text.trim())),
             Self::Byte(offset) => write!(f, "byte {offset}"),
+            Self::End => f.write_str("the end"),
         }
     }
 }

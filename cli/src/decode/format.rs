@@ -39,3 +39,16 @@ pub(crate) enum Format {
     /// list or an array. See --tx.
     Log,
 }
+
+impl Format {
+    /// Returns true for the bytes of a line.
+    pub(super) fn is_of_line(self) -> bool {
+        use Format::{Dec, Dump, DumpBe, DumpLe, Hex, Log, Raw};
+        matches!(self, Raw | Hex | Dec | Dump | DumpBe | DumpLe | Log)
+    }
+
+    /// Returns true for a log of a CAN bus.
+    pub(super) fn is_of_bus(self) -> bool {
+        !self.is_of_line() && !matches!(self, Self::Mcap | Self::Pcap)
+    }
+}

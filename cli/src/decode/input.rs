@@ -12,8 +12,6 @@ use crate::printable::cut;
 pub(super) const BYTE_ORDER_MARK: &[u8] = b"\xEF\xBB\xBF";
 /// Size of the buffer, and maximum size of the head, in bytes.
 const CAPACITY: usize = 64 * 1024;
-/// Maximum length of a line, in bytes: more than four times the longest line of every format.
-const MAX_LINE: usize = 4 * 1024;
 
 /// The first bytes of a recording, as far as they were needed to detect its format.
 pub(super) struct Head<'a> {
@@ -59,6 +57,13 @@ impl<'a> Head<'a> {
                 Ok(false)
             }
         }
+    }
+
+    /// The first bytes of what was read so far.
+    pub(super) fn beginning(&self) -> Vec<u8> {
+        /// Number of bytes that are shown of a recording without a frame.
+        const SHOWN: usize = 16;
+        self.bytes[..self.bytes.len().min(SHOWN)].to_vec()
     }
 
     /// The whole recording.
@@ -124,11 +129,6 @@ impl Input<'_> {
         self.offset
     }
 
-    /// The next line, if there is one.
-    pub(super) fn line(&mut self) -> Result<Option<Line<'_>>, Error> {
-        self.line_up_to(MAX_LINE)
-    }
-
     /// The next line, if there is one. At most `max` bytes of it are kept.
     pub(super) fn line_up_to(&mut self, max: usize) -> Result<Option<Line<'_>>, Error> {
         self.line.clear();
@@ -161,6 +161,11 @@ impl Input<'_> {
     /// The error of a failed read.
     pub(super) fn failed(&self, error: io::Error) -> Error {
         Error::at(&self.name, error)
+    }
+
+    /// The error of a recording that cannot be decoded.
+    pub(super) fn refused(&self, reason: &str) -> Error {
+        Error::at(&self.name, reason)
     }
 
     /// The error of a line that cannot be decoded.

@@ -1,11 +1,16 @@
 //! `armwire decode`: the frames in a recording, their meaning, and the bytes between them.
 
+mod account;
 mod bus;
+#[cfg(feature = "recordings")]
+mod capture;
 mod content;
 mod detect;
 pub(crate) mod doubts;
 mod format;
+mod framed;
 mod input;
+mod lines;
 mod log;
 #[cfg(feature = "recordings")]
 pub(crate) mod mcap;
@@ -18,7 +23,9 @@ mod recording;
 mod servo_bus;
 mod sides;
 mod station;
+mod sum;
 mod text;
+mod unit;
 
 #[cfg(test)]
 mod tests;
@@ -27,21 +34,22 @@ use std::fs::File;
 use std::io::{self, BufRead, IsTerminal, Read, stdin, stdout};
 use std::path::PathBuf;
 
-use armwire_host::describe::Protocol;
 use clap::Args;
 
 use crate::args::{ArmKind, Speaker};
 use crate::error::Error;
 use crate::output::print_error;
 use crate::status::{Status, StatusArg};
-use bus::Buses;
-use doubts::Doubts;
+use account::{Account, Verdict};
+use doubts::Place;
 use format::Format;
 use input::{Head, Input};
 use output::{Console, Entries, Output};
 #[cfg(feature = "recordings")]
 use pcapng::Packets;
-use sides::Sides;
+use sides::Line;
+use text::dump::Order;
+use unit::{Bytes, Take, Unit};
 
 /// The arguments of `armwire decode`.
 #[derive(Args)]
@@ -97,11 +105,22 @@ impl Decode {
         let decoded = decode_recording(head, &*out, self.format, line);
         // Items before an error are shown before it. A failed output ends the input early.
         out.finish().map_err(Error::Output)?;
-        match decoded? {
-            0 => Ok(()),
-            count if self.strict => Err(Error::NotUnderstood { name, count }),
-            count => {
-                print_error(&Error::NotUnderstood { name, count });
+        let Verdict { warnings, flaws } = decoded?;
+        let reasons = match self.strict {
+            true => [warnings, flaws].concat(),
+            false => warnings,
+        };
+        if reasons.is_empty() {
+            return Ok(());
+        }
+        let error = Error::NotUnderstood {
+            name,
+            reasons: reasons.join(", "),
+        };
+        match self.strict {
+            true => Err(error),
+            false => {
+                print_error(&error);
                 Ok(())
             }
         }
@@ -158,27 +177,6 @@ impl Read for Watched {
     }
 }
 
-/// Properties of a recorded line.
-#[derive(Clone, Copy)]
-struct Line {
-    arm: ArmKind,
-    /// The sender of bytes without a direction, if it is known.
-    from: Option<Speaker>,
-    /// The sender of what a log calls TX.
-    tx: Speaker,
-}
-
-impl Line {
-    /// The sender of bytes that a text calls those of this one.
-    fn sender(&self, named: Speaker) -> Speaker {
-        match (self.tx, named) {
-            (Speaker::Host, named) => named,
-            (Speaker::Arm, Speaker::Host) => Speaker::Arm,
-            (Speaker::Arm, Speaker::Arm) => Speaker::Host,
-        }
-    }
-}
-
 /// The output of `armwire decode` for a recording: an entry for each frame and for the bytes between frames, and the
 /// sum.
 ///
@@ -199,67 +197,54 @@ pub fn decode(input: &[u8], arm: ArmKind, from: Option<Speaker>) -> Result<Vec<S
     }
 }
 
-/// Decodes a recording. Returns the number of its parts that were not understood.
-fn decode_recording(mut head: Head<'_>, out: &dyn Output, format: Option<Format>, line: Line) -> Result<u64, Error> {
+/// Decodes a recording.
+fn decode_recording(
+    mut head: Head<'_>,
+    out: &dyn Output,
+    format: Option<Format>,
+    line: Line,
+) -> Result<Verdict, Error> {
     if format != Some(Format::Raw) {
         head = head.unpacked();
     }
     let format = format.map_or_else(|| detect::detect(&mut head), Ok)?;
+    let mut account = Account::new(format, line, out)?;
+    let order = match format {
+        Format::Dump => Some(detect::dump_order(&mut head)?),
+        Format::DumpBe => Some(Order::Big),
+        Format::DumpLe => Some(Order::Little),
+        _ => None,
+    };
+    let beginning = head.beginning();
     let mut input = match format {
         Format::Raw | Format::Blf | Format::Mcap | Format::Pcap => head.into_input(),
         _ => head.into_text()?,
     };
-    match format {
-        Format::Raw | Format::Hex | Format::Dec | Format::Dump | Format::DumpBe | Format::DumpLe | Format::Log => {
-            decode_line(input, out, format, line)
-        }
-        #[cfg(feature = "recordings")]
-        Format::Mcap => mcap::decode(&mut input, out),
-        #[cfg(not(feature = "recordings"))]
-        Format::Mcap => Err(Error::at(input.name(), "this build of armwire reads no MCAP files")),
-        _ => {
-            let mut buses = Buses::new(match line.arm {
-                ArmKind::Ling => Protocol::Ling,
-                ArmKind::LingLegacy => Protocol::LingLegacy,
-                ArmKind::Alpha1 | ArmKind::Alpha1Servo => Protocol::Alpha1,
-                ArmKind::Xarm => return Err(Error::Usage("an xarm is not on a CAN bus".to_owned())),
-            });
-            // Items before an error have a sum, too.
-            let read = log::read(&mut input, format, &mut |place, record| buses.take(place, record, out));
-            let not_understood = buses.finish(out);
-            read.map(|()| not_understood)
-        }
-    }
-}
-
-/// Decodes the bytes of a line. Returns the number of parts that were not understood.
-fn decode_line(mut input: Input<'_>, out: &dyn Output, format: Format, line: Line) -> Result<u64, Error> {
-    let mut sides = Sides::new(line.arm, line.from)?;
-    let name = input.name().to_owned();
-    let (doubts, read) = match format {
-        Format::Raw => (Doubts::default(), decode_raw(&mut input, out, &mut sides)),
-        _ => text::read(&mut input, format, out, &mut |from, bytes| {
-            // A broken stream ends.
-            if sides.broken().is_none() {
-                sides.push(from.map(|from| line.sender(from)), bytes, out);
-            }
-        }),
+    let read = match format {
+        Format::Raw => read_raw(&mut input, &mut account),
+        _ => read(&mut input, format, order, &mut |place, unit| account.take(place, unit)),
     };
-    let counts = sides.finish(out);
-    // Items before an error have a sum, too.
-    if read.is_ok() || counts.has_bytes() || doubts.count() > 0 {
-        out.remark(format_args!("{counts}{}", doubts.sum()));
-    }
-    read?;
-    match sides.broken() {
-        None => Ok(doubts.count()),
-        Some((offset, reason)) => Err(Error::Undecodable { name, offset, reason }),
+    account.finish(input.name(), &beginning, read)
+}
+
+/// Passes each unit of a recording in this format to `take`. The words of a hex dump have this order of bytes.
+fn read(input: &mut Input<'_>, format: Format, order: Option<Order>, take: &mut Take<'_>) -> Result<(), Error> {
+    match format {
+        #[cfg(feature = "recordings")]
+        Format::Mcap => mcap::read(input, take),
+        #[cfg(feature = "recordings")]
+        Format::Pcap => capture::read(input, take),
+        #[cfg(not(feature = "recordings"))]
+        Format::Mcap | Format::Pcap => Err(input.refused("this build of armwire reads no such files")),
+        _ if format.is_of_line() => text::read(input, format, order, take),
+        _ => log::read(input, format, take),
     }
 }
 
-/// Decodes bytes as they are.
-fn decode_raw(input: &mut Input<'_>, out: &dyn Output, sides: &mut Sides) -> Result<(), Error> {
-    while sides.broken().is_none() {
+/// Reads bytes as they are.
+fn read_raw(input: &mut Input<'_>, account: &mut Account<'_>) -> Result<(), Error> {
+    while !account.is_broken() {
+        let place = Place::Byte(input.offset());
         let piece = match input.fill_buf() {
             Ok(piece) => piece,
             Err(error) => return Err(input.failed(error)),
@@ -268,7 +253,7 @@ fn decode_raw(input: &mut Input<'_>, out: &dyn Output, sides: &mut Sides) -> Res
         if len == 0 {
             break;
         }
-        sides.push(None, piece, out);
+        account.take(place, Ok(Unit::Bytes(Bytes::new(piece))));
         input.consume(len);
     }
     Ok(())

@@ -1,7 +1,5 @@
 //! The frames of a recording of bytes, and the bytes between them.
 
-use std::fmt::{self, Display};
-
 use armwire::decoder::{Decoder, Kind, Span};
 use armwire::framing::{Framing, Reason};
 use armwire::ling::legacy::{Detector, Legacy, OlderGeneration};
@@ -10,8 +8,9 @@ use armwire::messages::Messages;
 use armwire::xarm;
 use armwire_host::describe::Arm;
 
-use super::meaning::{expected, meaning};
+use super::meaning::{Meaning, Sender, expected, meaning};
 use super::output::{Item, OnLine, Output};
+use super::sum::Part;
 use crate::args::Speaker;
 
 /// Buffer size: the longest frame of every protocol fits.
@@ -25,29 +24,62 @@ const MAX_BEGINNING: usize = 16 * 1024;
 /// A decoder of bytes from a line.
 pub(super) trait Recording {
     /// Takes the next bytes, in pieces of any size.
-    fn push(&mut self, bytes: &[u8], out: &dyn Output);
+    fn push(&mut self, bytes: &[u8], at: At<'_>, out: &dyn Output);
 
     /// Ends the recording. Returns the counts for its sum.
     fn finish(&mut self, out: &dyn Output) -> Counts;
+
+    /// Returns true if there was a frame.
+    fn has_frames(&self) -> bool;
+
+    /// Returns true if the bytes so far end inside a frame.
+    fn is_inside_frame(&self) -> bool;
+
+    /// Returns true if a frame is a message of another sender than the one that a mark names.
+    fn is_contradicted(&self) -> bool;
 
     /// Offset and reason of the break of a lossless stream, after which nothing can be decoded.
     fn broken(&self) -> Option<(u64, Reason)>;
 }
 
-/// The counts of a recording. They print as its sum.
+/// The place of bytes in a recording.
+#[derive(Clone, Copy)]
+pub(super) struct At<'a> {
+    /// Time and endpoint of a transfer; empty for the offset in the stream.
+    pub(super) place: &'a str,
+    /// Time in ns; 0 if the recording has no times.
+    pub(super) nanos: u64,
+}
+
+impl At<'_> {
+    /// The offset in the stream.
+    pub(super) const OFFSET: Self = Self { place: "", nanos: 0 };
+}
+
+/// The counts of a recording.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Counts {
-    bytes: u64,
-    frames: u64,
-    noise_bytes: u64,
+    pub(super) bytes: u64,
+    pub(super) frames: u64,
+    pub(super) noise_bytes: u64,
     padding: u64,
-    /// The stream broke, and the rest was not read.
-    is_broken: bool,
+    /// Number of frames without a known message.
+    pub(super) unknown: u64,
+    /// Number of bytes of USB devices without a frame.
+    others: u64,
 }
 
 impl Counts {
     pub(super) fn has_bytes(&self) -> bool {
-        self.bytes > 0
+        self.bytes + self.others > 0
+    }
+
+    /// The counts of a device that is no arm.
+    pub(super) fn of_another_device(self) -> Self {
+        Self {
+            others: self.bytes,
+            ..Self::default()
+        }
     }
 
     /// The counts of this and another direction.
@@ -57,25 +89,21 @@ impl Counts {
             frames: self.frames + other.frames,
             noise_bytes: self.noise_bytes + other.noise_bytes,
             padding: self.padding + other.padding,
-            is_broken: self.is_broken || other.is_broken,
+            unknown: self.unknown + other.unknown,
+            others: self.others + other.others,
         }
     }
-}
 
-impl Display for Counts {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self {
-            bytes,
-            frames,
-            noise_bytes,
-            padding,
-            is_broken,
-        } = self;
-        write!(f, "bytes: {bytes}, frames: {frames}, noise bytes: {noise_bytes}")?;
-        if *padding > 0 {
-            write!(f, ", padding bytes: {padding}")?;
-        }
-        f.write_str(if *is_broken { ", the rest not read" } else { "" })
+    /// The counts for the sum.
+    pub(super) fn parts(&self) -> Vec<Part> {
+        vec![
+            Part::always("bytes", self.bytes),
+            Part::always("frames", self.frames),
+            Part::always("noise bytes", self.noise_bytes).flaw(),
+            Part::some("padding bytes", self.padding),
+            Part::some("frames without a message", self.unknown).flaw(),
+            Part::some("bytes of other devices", self.others),
+        ]
     }
 }
 
@@ -89,25 +117,24 @@ pub(super) trait Reading {
     /// The sender of the bytes between frames, if it is known.
     fn from(&self) -> Option<Speaker>;
 
-    /// The sender of a frame, if it is known, and the frame's meaning.
-    fn meaning(&mut self, frame: &[u8]) -> (Option<Speaker>, String);
+    fn meaning(&mut self, frame: &[u8]) -> Meaning;
 }
 
 /// The bytes of one sender, or of one that the frames name.
-pub(super) struct OneSender<P>(Option<Speaker>, P);
+pub(super) struct OneSender<P>(Sender, P);
 
 impl<P: Arm> Reading for OneSender<P> {
     type Arm = P;
 
     fn expect(&self) -> P::Expect {
-        expected(&self.1, self.0)
+        expected(&self.1, self.0.speaker())
     }
 
     fn from(&self) -> Option<Speaker> {
-        self.0
+        self.0.speaker()
     }
 
-    fn meaning(&mut self, frame: &[u8]) -> (Option<Speaker>, String) {
+    fn meaning(&mut self, frame: &[u8]) -> Meaning {
         meaning(&self.1, frame, self.expect(), self.0)
     }
 }
@@ -122,6 +149,10 @@ pub(super) struct Frames<P: Arm, R: Reading<Arm = P> = OneSender<P>> {
     counts: Counts,
     /// The end of the last damaged frame: its bytes are not shown again as stray ones.
     damaged: u64,
+    is_contradicted: bool,
+    /// The place of the last bytes.
+    place: String,
+    nanos: u64,
 }
 
 /// Adjacent bytes that are noise for one reason.
@@ -132,8 +163,8 @@ struct Run {
 }
 
 impl<P: Arm> Frames<P> {
-    pub(super) fn new(from: Option<Speaker>) -> Self {
-        Self::of(OneSender(from, P::default()))
+    pub(super) fn new(sender: Sender) -> Self {
+        Self::of(OneSender(sender, P::default()))
     }
 }
 
@@ -146,6 +177,9 @@ impl<P: Arm, R: Reading<Arm = P>> Frames<P, R> {
             run: None,
             counts: Counts::default(),
             damaged: 0,
+            is_contradicted: false,
+            place: String::new(),
+            nanos: 0,
         }
     }
 
@@ -166,7 +200,9 @@ impl<P: Arm, R: Reading<Arm = P>> Frames<P, R> {
                 self.end_run("", out);
                 self.counts.frames += 1;
                 let frame = self.decoder.item(span).bytes;
-                let (from, text) = self.reading.meaning(frame);
+                let Meaning { from, text, is_message } = self.reading.meaning(frame);
+                self.counts.unknown += u64::from(!is_message);
+                self.is_contradicted |= is_message && self.reading.from().is_some_and(|named| from != Some(named));
                 self.show(span.offset, frame, from, &text, out);
             }
             Kind::Padding => {
@@ -257,19 +293,25 @@ impl<P: Arm, R: Reading<Arm = P>> Frames<P, R> {
         let on_line = Some(OnLine {
             protocol: P::PROTOCOL,
             from,
-            nanos: 0,
+            nanos: self.nanos,
         });
-        out.item(&Item {
-            place: format_args!("{offset:8}"),
+        let item = |place| Item {
+            place,
             bytes,
             text,
             on_line,
-        });
+        };
+        match self.place.as_str() {
+            "" => out.item(&item(format_args!("{offset:8}"))),
+            place => out.item(&item(format_args!("{place}"))),
+        }
     }
 }
 
 impl<P: Arm, R: Reading<Arm = P>> Recording for Frames<P, R> {
-    fn push(&mut self, mut bytes: &[u8], out: &dyn Output) {
+    fn push(&mut self, mut bytes: &[u8], at: At<'_>, out: &dyn Output) {
+        at.place.clone_into(&mut self.place);
+        self.nanos = at.nanos;
         while !bytes.is_empty() && self.decoder.broken().is_none() {
             bytes = self.decoder.push(bytes);
             self.take_items(out);
@@ -289,8 +331,19 @@ impl<P: Arm, R: Reading<Arm = P>> Recording for Frames<P, R> {
             self.counts.noise_bytes += rest.len() as u64;
             self.counts.bytes += rest.len() as u64;
         }
-        self.counts.is_broken = self.decoder.broken().is_some();
         self.counts
+    }
+
+    fn has_frames(&self) -> bool {
+        self.counts.frames > 0
+    }
+
+    fn is_inside_frame(&self) -> bool {
+        !self.decoder.window().is_empty()
+    }
+
+    fn is_contradicted(&self) -> bool {
+        self.is_contradicted
     }
 
     fn broken(&self) -> Option<(u64, Reason)> {
@@ -298,102 +351,221 @@ impl<P: Arm, R: Reading<Arm = P>> Recording for Frames<P, R> {
     }
 }
 
-/// A recording of a Ling arm of either generation.
-pub(super) struct LingFrames {
-    from: Option<Speaker>,
-    /// The decoder of the generation; `None` before it is known.
-    frames: Option<Box<dyn Recording>>,
-    /// The bytes before the generation is known.
-    beginning: Vec<u8>,
-    older: Detector,
-    current: Decoder<Ling, MAX_FRAME>,
-}
+/// What decides how a stream is decoded, byte by byte: the result must not depend on the size of pieces.
+pub(super) trait Trial {
+    /// Takes the next byte of the stream. Returns the decoder if it is certain.
+    fn push(&mut self, byte: u8, out: &dyn Output) -> Option<Box<dyn Recording>>;
 
-impl LingFrames {
-    pub(super) fn new(from: Option<Speaker>) -> Self {
-        Self {
-            from,
-            frames: None,
-            beginning: Vec::new(),
-            older: Detector::new(),
-            current: Decoder::new(),
-        }
-    }
+    /// Returns the decoder by the bytes so far.
+    fn finish(&mut self, out: &dyn Output) -> Box<dyn Recording>;
 
-    /// Passes the bytes so far to the decoder of the generation.
-    fn begin(&mut self, mut frames: Box<dyn Recording>, out: &dyn Output) {
-        frames.push(&std::mem::take(&mut self.beginning), out);
-        self.frames = Some(frames);
-    }
+    /// Returns true if the bytes so far end inside a frame.
+    fn is_inside_frame(&self) -> bool;
 
-    fn begin_older(&mut self, older: OlderGeneration, out: &dyn Output) {
-        out.remark(format_args!("This is {older}"));
-        self.begin(Box::new(Frames::<Legacy>::new(self.from)), out);
-    }
-
-    /// Decides by the bytes so far, which have no message of the current generation, except perhaps behind an incomplete
-    /// frame.
-    fn decide(&mut self, out: &dyn Output) {
-        self.current.idle();
-        let is_current = self.has_current_message();
-        match self.older.finish().filter(|_| !is_current) {
-            Some(older) => self.begin_older(older, out),
-            None => self.begin(Box::new(Frames::<Ling>::new(self.from)), out),
-        }
-    }
-
-    /// Returns true if this byte ends a message of the current generation.
-    fn ends_current_message(&mut self, byte: u8) -> bool {
-        let byte = [byte];
-        let left = self.current.push(&byte);
-        debug_assert!(left.is_empty(), "after each byte the decoder has room for the next");
-        self.has_current_message()
-    }
-
-    /// Returns true if the decoder finds a message of the current generation.
-    fn has_current_message(&mut self) -> bool {
-        while let Some(item) = self.current.next(&Ling, ()) {
-            let is_message = || Ling.parse_request(item.bytes).is_ok() || Ling.parse_response(item.bytes, ()).is_ok();
-            if item.kind == Kind::Frame && is_message() {
-                return true;
-            }
-        }
+    /// Returns true if the decision contradicts a mark.
+    fn is_contradicted(&self) -> bool {
         false
     }
 }
 
-impl Recording for LingFrames {
-    fn push(&mut self, bytes: &[u8], out: &dyn Output) {
+/// A stream whose decoder its first message decides.
+pub(super) struct Undecided<T> {
+    trial: T,
+    /// The bytes before the decision.
+    beginning: Vec<u8>,
+    frames: Option<Box<dyn Recording>>,
+}
+
+impl<T: Trial> Undecided<T> {
+    fn new(trial: T) -> Self {
+        Self {
+            trial,
+            beginning: Vec::new(),
+            frames: None,
+        }
+    }
+
+    /// Passes the bytes so far to their decoder.
+    fn begin(&mut self, mut frames: Box<dyn Recording>, at: At<'_>, out: &dyn Output) -> &mut dyn Recording {
+        frames.push(&std::mem::take(&mut self.beginning), at, out);
+        &mut **self.frames.insert(frames)
+    }
+}
+
+impl<T: Trial> Recording for Undecided<T> {
+    fn push(&mut self, bytes: &[u8], at: At<'_>, out: &dyn Output) {
         let mut bytes = bytes.iter();
-        // Byte by byte: the result must not depend on the size of pieces.
         while self.frames.is_none()
             && let Some(&byte) = bytes.next()
         {
             self.beginning.push(byte);
-            if let Some(older) = self.older.push(&[byte]) {
-                self.begin_older(older, out);
-            } else if self.ends_current_message(byte) {
-                self.begin(Box::new(Frames::<Ling>::new(self.from)), out);
-            } else if self.beginning.len() >= MAX_BEGINNING {
-                self.decide(out);
+            let is_full = self.beginning.len() >= MAX_BEGINNING;
+            let found = self.trial.push(byte, out);
+            if let Some(frames) = found.or_else(|| is_full.then(|| self.trial.finish(out))) {
+                self.begin(frames, at, out);
             }
         }
         if let Some(frames) = &mut self.frames {
-            frames.push(bytes.as_slice(), out);
+            frames.push(bytes.as_slice(), at, out);
         }
     }
 
     fn finish(&mut self, out: &dyn Output) -> Counts {
         if self.frames.is_none() {
-            self.decide(out);
+            let frames = self.trial.finish(out);
+            self.begin(frames, At::OFFSET, out);
         }
         self.frames
             .as_mut()
             .map_or(Counts::default(), |frames| frames.finish(out))
     }
 
-    fn broken(&self) -> Option<(u64, Reason)> {
-        // A UART is not lossless.
-        None
+    fn has_frames(&self) -> bool {
+        self.frames.as_ref().is_some_and(|frames| frames.has_frames())
     }
+
+    fn is_inside_frame(&self) -> bool {
+        let frames = self.frames.as_ref();
+        frames.map_or_else(|| self.trial.is_inside_frame(), |frames| frames.is_inside_frame())
+    }
+
+    fn is_contradicted(&self) -> bool {
+        self.trial.is_contradicted() || self.frames.as_ref().is_some_and(|frames| frames.is_contradicted())
+    }
+
+    fn broken(&self) -> Option<(u64, Reason)> {
+        self.frames.as_ref().and_then(|frames| frames.broken())
+    }
+}
+
+/// The sender of a protocol whose frames differ by it. A mark names one, and the first message decides.
+pub(super) struct OfEither<P: Arm> {
+    /// A decoder for each sender, the marked one first.
+    trials: [(Speaker, Decoder<P, BUFFER>); 2],
+    is_contradicted: bool,
+}
+
+impl<P: Arm + 'static> OfEither<P> {
+    /// The frames of this sender. Without a mark they are the arm's.
+    pub(super) fn recording(sender: Sender) -> Box<dyn Recording> {
+        let trials = match sender {
+            Sender::Known(_) => return Box::new(Frames::<P>::new(sender)),
+            Sender::Unknown => return Box::new(Frames::<P>::new(Sender::Known(Speaker::Arm))),
+            Sender::Marked(Speaker::Host) => [Speaker::Host, Speaker::Arm],
+            Sender::Marked(Speaker::Arm) => [Speaker::Arm, Speaker::Host],
+        };
+        Box::new(Undecided::new(Self {
+            trials: trials.map(|speaker| (speaker, Decoder::new())),
+            is_contradicted: false,
+        }))
+    }
+}
+
+impl<P: Arm + 'static> Trial for OfEither<P> {
+    fn push(&mut self, byte: u8, _: &dyn Output) -> Option<Box<dyn Recording>> {
+        let arm = P::default();
+        let found = self.trials.iter_mut().position(|(speaker, decoder)| {
+            let expect = expected(&arm, Some(*speaker));
+            has_message(decoder, byte, &arm, expect, |frame| {
+                meaning(&arm, frame, expect, Sender::Known(*speaker)).is_message
+            })
+        })?;
+        self.is_contradicted = found > 0;
+        Some(Box::new(Frames::<P>::new(Sender::Known(self.trials[found].0))))
+    }
+
+    fn finish(&mut self, _: &dyn Output) -> Box<dyn Recording> {
+        Box::new(Frames::<P>::new(Sender::Known(self.trials[0].0)))
+    }
+
+    fn is_inside_frame(&self) -> bool {
+        !self.trials[0].1.window().is_empty()
+    }
+
+    fn is_contradicted(&self) -> bool {
+        self.is_contradicted
+    }
+}
+
+/// Returns true if this byte ends a message.
+fn has_message<P: Arm, const N: usize>(
+    decoder: &mut Decoder<P, N>,
+    byte: u8,
+    arm: &P,
+    expect: P::Expect,
+    is_message: impl Fn(&[u8]) -> bool,
+) -> bool {
+    if decoder.broken().is_none() {
+        let byte = [byte];
+        let left = decoder.push(&byte);
+        debug_assert!(left.is_empty(), "after each byte the decoder has room for the next");
+    }
+    find_message(decoder, arm, expect, is_message)
+}
+
+/// Returns true if the decoder has a message.
+fn find_message<P: Arm, const N: usize>(
+    decoder: &mut Decoder<P, N>,
+    arm: &P,
+    expect: P::Expect,
+    is_message: impl Fn(&[u8]) -> bool,
+) -> bool {
+    while decoder.broken().is_none()
+        && let Some(item) = decoder.next(arm, expect)
+    {
+        if item.kind == Kind::Frame && is_message(item.bytes) {
+            return true;
+        }
+    }
+    false
+}
+
+/// The generation of a Ling arm.
+pub(super) struct Generation {
+    sender: Sender,
+    older: Detector,
+    current: Decoder<Ling, MAX_FRAME>,
+}
+
+impl Generation {
+    pub(super) fn recording(sender: Sender) -> Box<dyn Recording> {
+        Box::new(Undecided::new(Self {
+            sender,
+            older: Detector::new(),
+            current: Decoder::new(),
+        }))
+    }
+
+    fn older(&self, older: OlderGeneration, out: &dyn Output) -> Box<dyn Recording> {
+        out.remark(format_args!("This is {older}"));
+        Box::new(Frames::<Legacy>::new(self.sender))
+    }
+}
+
+impl Trial for Generation {
+    fn push(&mut self, byte: u8, out: &dyn Output) -> Option<Box<dyn Recording>> {
+        if let Some(older) = self.older.push(&[byte]) {
+            return Some(self.older(older, out));
+        }
+        let is_current = has_message(&mut self.current, byte, &Ling, (), is_ling_message);
+        is_current.then(|| Box::new(Frames::<Ling>::new(self.sender)) as Box<dyn Recording>)
+    }
+
+    /// The bytes so far have no message of the current generation, except perhaps behind an incomplete frame.
+    fn finish(&mut self, out: &dyn Output) -> Box<dyn Recording> {
+        self.current.idle();
+        let is_current = find_message(&mut self.current, &Ling, (), is_ling_message);
+        match self.older.finish().filter(|_| !is_current) {
+            Some(older) => self.older(older, out),
+            None => Box::new(Frames::<Ling>::new(self.sender)),
+        }
+    }
+
+    fn is_inside_frame(&self) -> bool {
+        !self.current.window().is_empty()
+    }
+}
+
+fn is_ling_message(frame: &[u8]) -> bool {
+    Ling.parse_request(frame).is_ok() || Ling.parse_response(frame, ()).is_ok()
 }

@@ -3,7 +3,7 @@
 use armwire::alpha1::{Alpha1, Expect, Key, Outcome, ServoAnswer};
 use armwire::correlation::Correlation;
 
-use super::meaning::meaning;
+use super::meaning::{Meaning, Sender, meaning};
 use super::recording::Reading;
 use crate::args::Speaker;
 
@@ -31,38 +31,37 @@ impl Reading for ServoBus {
         None
     }
 
-    fn meaning(&mut self, frame: &[u8]) -> (Option<Speaker>, String) {
+    fn meaning(&mut self, frame: &[u8]) -> Meaning {
         match *frame {
             // It is acknowledged once.
             [_] => {
-                let acknowledged = meaning(&Alpha1, frame, self.expect(), Some(Speaker::Arm));
+                let acknowledged = meaning(&Alpha1, frame, self.expect(), Sender::Known(Speaker::Arm));
                 self.request = None;
                 acknowledged
             }
-            [SERVO | SERVO_VERSION, _, _, status, ..] if OUTCOMES.contains(&status) => {
-                (Some(Speaker::Arm), self.answer(frame))
-            }
+            [SERVO | SERVO_VERSION, _, _, status, ..] if OUTCOMES.contains(&status) => self.answer(frame),
             [SERVO | SERVO_VERSION, ..] => {
                 self.request = Alpha1.request(frame).and_then(|info| match info.expect {
                     Expect::Responses(answer) => Some((info.key, answer?)),
                     Expect::Requests => None,
                 });
-                meaning(&Alpha1, frame, Expect::Requests, Some(Speaker::Host))
+                meaning(&Alpha1, frame, Expect::Requests, Sender::Known(Speaker::Host))
             }
-            _ => meaning(&Alpha1, frame, Expect::Responses(None), Some(Speaker::Arm)),
+            _ => meaning(&Alpha1, frame, Expect::Responses(None), Sender::Known(Speaker::Arm)),
         }
     }
 }
 
 impl ServoBus {
     /// The meaning of a servo's answer in a frame.
-    fn answer(&self, frame: &[u8]) -> String {
+    fn answer(&self, frame: &[u8]) -> Meaning {
         let is_expected = self.request.is_some_and(|(key, _)| Alpha1.is_response_to(key, frame));
         // The frame of a version names itself.
         if is_expected || frame.first() == Some(&SERVO_VERSION) {
-            return meaning(&Alpha1, frame, self.expect(), Some(Speaker::Arm)).1;
+            return meaning(&Alpha1, frame, self.expect(), Sender::Known(Speaker::Arm));
         }
         let id = frame.get(2).copied().unwrap_or_default();
-        format!("no message: an answer of servo {id}, ambiguous: its request is not before it")
+        let reason = format!("an answer of servo {id}, ambiguous: its request is not before it");
+        Meaning::unknown(Some(Speaker::Arm), reason)
     }
 }

@@ -1,73 +1,326 @@
-//! The directions of a line in a recording.
+//! The streams of bytes in a recording: each direction of a line, and each endpoint of a USB device.
+
+use std::cell::RefCell;
+use std::collections::BTreeMap;
+use std::fmt::Arguments;
 
 use armwire::alpha1::Alpha1;
 use armwire::framing::Reason;
 use armwire::ling::legacy::Legacy;
 use armwire::xarm::XArm;
 
-use super::output::Output;
-use super::recording::{Counts, Frames, LingFrames, Recording};
+use super::meaning::Sender;
+use super::output::{Item, OnLine, Output};
+use super::recording::{At, Counts, Frames, Generation, OfEither, Recording};
 use super::servo_bus::ServoBus;
+use super::unit::{Bytes, Hint, Transfer};
 use crate::args::{ArmKind, Speaker};
-use crate::error::Error;
 
-/// A decoder for each direction that the recording names, and one for bytes without a direction.
+/// Maximum number of bytes that are kept for the case that they are frames of another arm.
+const MAX_KEPT: usize = 4 * 1024;
+/// Maximum number of items that are held before the first frame of a device.
+const MAX_HELD: usize = 256;
+
+/// Properties of a recorded line.
+#[derive(Clone, Copy)]
+pub(super) struct Line {
+    pub(super) arm: ArmKind,
+    /// The sender of all bytes, if it is known.
+    pub(super) from: Option<Speaker>,
+    /// The sender of what a log calls TX.
+    pub(super) tx: Speaker,
+}
+
+impl Line {
+    /// The sender of bytes that a text calls those of this one.
+    fn sender(&self, named: Speaker) -> Speaker {
+        match (self.tx, named) {
+            (Speaker::Host, named) => named,
+            (Speaker::Arm, Speaker::Host) => Speaker::Arm,
+            (Speaker::Arm, Speaker::Arm) => Speaker::Host,
+        }
+    }
+}
+
+/// A decoder for each stream.
 pub(super) struct Sides {
-    arm: ArmKind,
-    unnamed: Option<Box<dyn Recording>>,
-    to_arm: Option<Box<dyn Recording>>,
-    from_arm: Option<Box<dyn Recording>>,
-    from: Option<Speaker>,
+    line: Line,
+    /// By device. A recording of one line has one.
+    devices: BTreeMap<Option<(u16, u16)>, Device>,
+    /// The sender of the last bytes with a mark.
+    last: Option<Speaker>,
+    is_contradicted: bool,
+    /// The first bytes, and the senders of their parts by the marks, each with its length.
+    beginning: Vec<u8>,
+    senders: Vec<(Option<Speaker>, usize)>,
+}
+
+/// The streams of a device or of a line.
+#[derive(Default)]
+struct Device {
+    /// The items before its first frame; `None` if they are shown.
+    held: Option<Held>,
+    /// By endpoint and sender.
+    streams: BTreeMap<(u8, Side), Box<dyn Recording>>,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Side {
+    Unnamed,
+    ToArm,
+    FromArm,
+}
+
+impl Side {
+    fn of(from: Option<Speaker>) -> Self {
+        match from {
+            None => Self::Unnamed,
+            Some(Speaker::Host) => Self::ToArm,
+            Some(Speaker::Arm) => Self::FromArm,
+        }
+    }
 }
 
 impl Sides {
-    /// The decoders of an arm. Bytes without a direction are those of `from`.
-    pub(super) fn new(arm: ArmKind, from: Option<Speaker>) -> Result<Self, Error> {
-        if let (ArmKind::Alpha1Servo, Some(_)) = (arm, from) {
-            let reason = "--from does not apply to alpha1-servo: one wire has both directions";
-            return Err(Error::Usage(reason.to_owned()));
+    pub(super) fn new(line: Line) -> Self {
+        Self {
+            line,
+            devices: BTreeMap::new(),
+            last: None,
+            is_contradicted: false,
+            beginning: Vec::new(),
+            senders: Vec::new(),
         }
-        Ok(Self {
-            arm,
-            unnamed: None,
-            to_arm: None,
-            from_arm: None,
-            from,
-        })
     }
 
-    /// Takes the next bytes, in pieces of any size.
-    pub(super) fn push(&mut self, from: Option<Speaker>, bytes: &[u8], out: &dyn Output) {
-        let arm = self.arm;
-        // The order of requests and answers tells them apart on the servo bus.
-        let (side, from) = match from.filter(|_| arm != ArmKind::Alpha1Servo) {
-            None => (&mut self.unnamed, self.from),
-            Some(Speaker::Host) => (&mut self.to_arm, from),
-            Some(Speaker::Arm) => (&mut self.from_arm, from),
+    /// Takes the next bytes, in pieces of any size. A broken stream ends.
+    pub(super) fn take(
+        &mut self,
+        Bytes {
+            hint, bytes, transfer, ..
+        }: Bytes<'_>,
+        out: &dyn Output,
+    ) {
+        if self.broken().is_some() {
+            return;
+        }
+        let from = self.marked(hint);
+        self.keep(from, &bytes);
+        let line = self.line;
+        let device = self.devices.entry(transfer.as_ref().map(|transfer| transfer.device));
+        let device = device.or_insert_with(|| Device {
+            held: transfer.is_some().then(Held::default),
+            streams: BTreeMap::new(),
+        });
+        let (endpoint, at) = match &transfer {
+            Some(Transfer {
+                endpoint, place, nanos, ..
+            }) => (*endpoint, At { place, nanos: *nanos }),
+            None => (0, At::OFFSET),
         };
-        side.get_or_insert_with(|| recording(arm, from)).push(bytes, out);
+        let stream = device.streams.entry((endpoint, Side::of(from)));
+        let stream = stream.or_insert_with(|| recording(line, from));
+        match &device.held {
+            None => stream.push(&bytes, at, out),
+            Some(held) => stream.push(&bytes, at, held),
+        }
+        let is_contradicted = !self.is_contradicted && stream.is_contradicted();
+        let has_frames = device.held.is_some() && stream.has_frames();
+        if let Some(held) = device.held.take_if(|_| has_frames) {
+            held.show(out);
+        }
+        if is_contradicted {
+            self.is_contradicted = true;
+            out.remark(format_args!(
+                "The marks of direction contradict the frames, which are shown by their content: --from or --tx decides"
+            ));
+        }
     }
 
-    /// Ends the recording. Returns the counts of all directions.
+    /// The sender of bytes by their mark. The order of requests and answers tells them apart on the servo bus.
+    fn marked(&mut self, hint: Hint) -> Option<Speaker> {
+        let named = match hint {
+            _ if self.line.arm == ArmKind::Alpha1Servo => None,
+            Hint::None => None,
+            Hint::From(named) => Some(self.line.sender(named)),
+            // Only bytes that complete a frame are a continuation.
+            Hint::Continued => self.last.filter(|last| self.is_inside_frame(*last)),
+        };
+        if hint != Hint::Continued {
+            self.last = named;
+        }
+        named
+    }
+
+    /// Returns true if the bytes of this sender end inside a frame.
+    fn is_inside_frame(&self, from: Speaker) -> bool {
+        let streams = self.devices.get(&None).map(|device| &device.streams);
+        let stream = streams.and_then(|streams| streams.get(&(0, Side::of(Some(from)))));
+        stream.is_some_and(|stream| stream.is_inside_frame())
+    }
+
+    fn keep(&mut self, from: Option<Speaker>, bytes: &[u8]) {
+        let bytes = &bytes[..bytes.len().min(MAX_KEPT - self.beginning.len())];
+        self.beginning.extend(bytes);
+        match self.senders.last_mut() {
+            _ if bytes.is_empty() => {}
+            Some((last, len)) if *last == from => *len += bytes.len(),
+            _ => self.senders.push((from, bytes.len())),
+        }
+    }
+
+    /// Ends the recording. Returns the counts of all streams.
     pub(super) fn finish(&mut self, out: &dyn Output) -> Counts {
-        let sides = [&mut self.unnamed, &mut self.to_arm, &mut self.from_arm];
-        let counts = sides.into_iter().flatten().map(|side| side.finish(out));
-        counts.fold(Counts::default(), Counts::with)
+        let mut sum = Counts::default();
+        for device in self.devices.values_mut() {
+            let mut counts = Counts::default();
+            for stream in device.streams.values_mut() {
+                counts = counts.with(match &device.held {
+                    None => stream.finish(out),
+                    Some(held) => stream.finish(held),
+                });
+            }
+            if let Some(held) = device.held.take_if(|_| counts.frames > 0) {
+                held.show(out);
+            }
+            sum = sum.with(match device.held {
+                None => counts,
+                Some(_) => counts.of_another_device(),
+            });
+        }
+        sum
+    }
+
+    /// The arm, and the sender if it must be given, whose frames most of the first bytes are. `None` for the arm that
+    /// was chosen.
+    pub(super) fn other_arm(&self) -> Option<(ArmKind, Option<Speaker>)> {
+        let counts = |arm, from| {
+            let mut sides = Self::new(Line { arm, from, ..self.line });
+            let mut rest = &self.beginning[..];
+            for (marked, len) in &self.senders {
+                let (bytes, behind) = rest.split_at(*len);
+                rest = behind;
+                let hint = match marked {
+                    Some(named) => Hint::From(self.line.sender(*named)),
+                    None => Hint::None,
+                };
+                sides.take(Bytes::of(hint, bytes), &Nowhere);
+            }
+            sides.finish(&Nowhere)
+        };
+        let kept = self.beginning.len() as u64;
+        let is_most = |counts: &Counts| {
+            counts.frames > counts.unknown && 2 * counts.bytes.saturating_sub(counts.noise_bytes) > kept
+        };
+        if is_most(&counts(self.line.arm, self.line.from)) {
+            return None;
+        }
+        let host = Some(Speaker::Host);
+        let others = [
+            (ArmKind::Ling, None),
+            (ArmKind::Xarm, None),
+            (ArmKind::Xarm, host),
+            (ArmKind::Alpha1, None),
+            (ArmKind::Alpha1, host),
+            (ArmKind::Alpha1Servo, None),
+        ];
+        others.into_iter().find(|(arm, from)| is_most(&counts(*arm, *from)))
     }
 
     /// Offset and reason of the break of a lossless stream, after which nothing can be decoded.
     pub(super) fn broken(&self) -> Option<(u64, Reason)> {
-        let sides = [&self.unnamed, &self.to_arm, &self.from_arm];
-        sides.into_iter().flatten().find_map(|side| side.broken())
+        let streams = self.devices.values().flat_map(|device| device.streams.values());
+        streams.into_iter().find_map(|stream| stream.broken())
     }
 }
 
-fn recording(arm: ArmKind, from: Option<Speaker>) -> Box<dyn Recording> {
-    match arm {
-        ArmKind::Ling => Box::new(LingFrames::new(from)),
-        ArmKind::LingLegacy => Box::new(Frames::<Legacy>::new(from)),
-        ArmKind::Xarm => Box::new(Frames::<XArm>::new(from.or(Some(Speaker::Arm)))),
-        ArmKind::Alpha1 => Box::new(Frames::<Alpha1>::new(from.or(Some(Speaker::Arm)))),
+/// The decoder of bytes that a mark says to be those of `from`.
+fn recording(line: Line, from: Option<Speaker>) -> Box<dyn Recording> {
+    let sender = match (line.from, from) {
+        (Some(from), _) => Sender::Known(from),
+        (None, Some(from)) => Sender::Marked(from),
+        (None, None) => Sender::Unknown,
+    };
+    match line.arm {
+        ArmKind::Ling => Generation::recording(sender),
+        ArmKind::LingLegacy => Box::new(Frames::<Legacy>::new(sender)),
+        ArmKind::Xarm => OfEither::<XArm>::recording(sender),
+        ArmKind::Alpha1 => OfEither::<Alpha1>::recording(sender),
         ArmKind::Alpha1Servo => Box::new(Frames::of(ServoBus::default())),
+    }
+}
+
+/// An output that keeps nothing.
+struct Nowhere;
+
+impl Output for Nowhere {
+    fn item(&self, _: &Item<'_>) {}
+
+    fn remark(&self, _: Arguments<'_>) {}
+}
+
+/// The items of a device without a frame so far, which may be no arm, and the number of those that are not kept.
+#[derive(Default)]
+struct Held(RefCell<(Vec<Entry>, usize)>);
+
+/// An item, or a remark.
+struct Entry {
+    place: String,
+    bytes: Vec<u8>,
+    text: String,
+    on_line: Option<OnLine>,
+}
+
+impl Held {
+    fn push(&self, entry: Entry) {
+        let (entries, dropped) = &mut *self.0.borrow_mut();
+        match entries.len() < MAX_HELD {
+            true => entries.push(entry),
+            false => *dropped += 1,
+        }
+    }
+
+    fn show(self, out: &dyn Output) {
+        let (entries, dropped) = self.0.into_inner();
+        if dropped > 0 {
+            out.remark(format_args!("not shown before the first frame of a device: {dropped}"));
+        }
+        for Entry {
+            place,
+            bytes,
+            text,
+            on_line,
+        } in entries
+        {
+            match place.is_empty() {
+                true => out.remark(format_args!("{text}")),
+                false => out.item(&Item {
+                    place: format_args!("{place}"),
+                    bytes: &bytes,
+                    text: &text,
+                    on_line,
+                }),
+            }
+        }
+    }
+}
+
+impl Output for Held {
+    fn item(&self, item: &Item<'_>) {
+        self.push(Entry {
+            place: item.place.to_string(),
+            bytes: item.bytes.to_vec(),
+            text: item.text.to_owned(),
+            on_line: item.on_line,
+        });
+    }
+
+    fn remark(&self, text: Arguments<'_>) {
+        self.push(Entry {
+            place: String::new(),
+            bytes: Vec::new(),
+            text: text.to_string(),
+            on_line: None,
+        });
     }
 }

@@ -29,6 +29,7 @@ pub(super) struct Entry {
     pub(super) place: String,
     pub(super) bytes: Vec<u8>,
     pub(super) text: String,
+    pub(super) content: Content,
     pub(super) on_line: Option<OnLine>,
     /// False for a failure.
     pub(super) is_pdu: bool,
@@ -59,7 +60,7 @@ pub(super) enum Kind {
 }
 
 /// The content of a PDU.
-enum Content {
+pub(super) enum Content {
     /// A frame of this protocol's arm.
     Frame(Protocol),
     Control,
@@ -122,6 +123,7 @@ impl Station {
                 place: place.to_owned(),
                 bytes: bytes.to_vec(),
                 text,
+                content,
                 on_line: sender(function).filter(|_| is_pdu).map(|from| OnLine {
                     protocol: self.protocol,
                     from: Some(from),
@@ -129,7 +131,7 @@ impl Station {
                 }),
                 is_pdu,
             };
-            lost += self.kind.take(entry, &content, function, &mut shown);
+            lost += self.kind.take(entry, function, &mut shown);
         }
         listener.release();
         (shown, lost)
@@ -137,9 +139,9 @@ impl Station {
 }
 
 impl Kind {
-    /// Takes an entry with this content. Adds those to show to `shown`, and returns the number of earlier ones that are
+    /// Takes an entry. Adds those to show to `shown`, and returns the number of earlier ones that are
     /// not kept.
-    fn take(&mut self, entry: Entry, content: &Content, function: Function, shown: &mut Vec<Entry>) -> u64 {
+    fn take(&mut self, entry: Entry, function: Function, shown: &mut Vec<Entry>) -> u64 {
         let Self::Unknown {
             kept, dropped, control, ..
         } = self
@@ -147,8 +149,7 @@ impl Kind {
             shown.push(entry);
             return 0;
         };
-        kept.push_back(entry);
-        let evidence = match content {
+        let evidence = match entry.content {
             Content::Frame(Protocol::Ling) => Some("frames of a Ling arm"),
             Content::Frame(Protocol::LingLegacy) => Some("frames of a Ling arm of the older generation"),
             Content::Frame(Protocol::Xarm) => Some("frames of an xArm"),
@@ -160,6 +161,7 @@ impl Kind {
             }
             Content::Nothing => None,
         };
+        kept.push_back(entry);
         if let Some(evidence) = evidence {
             let dropped = *dropped;
             shown.extend(kept.drain(..));
@@ -191,9 +193,9 @@ fn meaning(protocol: Protocol, function: Function, pdu: &[u8]) -> (Content, Stri
             _ => message::<FromAdapter>("from the adapter", pdu),
         };
     };
-    let meaning = |protocol| frame_meaning(protocol, pdu, from);
+    let meaning = |protocol| frame_meaning(protocol, pdu, Some(from));
     match meaning(protocol) {
-        Ok(text) => (Content::Frame(protocol), text),
+        Ok(meaning) => (Content::Frame(protocol), meaning.text),
         Err(reason) => {
             let mut others = [Protocol::Ling, Protocol::LingLegacy, Protocol::Alpha1].into_iter();
             let other = others.find(|other| meaning(*other).is_ok());

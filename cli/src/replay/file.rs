@@ -377,8 +377,17 @@ struct Tracks<'a> {
 }
 
 impl Visitor for Tracks<'_> {
+    fn unit(&mut self, place: u64, record: Result<Record<'_>, Doubt>) {
+        if let Err(reason) = record.and_then(|record| self.record(record)) {
+            print_error(&format_args!("{}: byte {place}: left out: {}", self.name, reason.text));
+        }
+    }
+}
+
+impl Tracks<'_> {
     fn record(&mut self, record: Record<'_>) -> Result<(), Doubt> {
         match record {
+            Record::Other(_) => {}
             Record::Schema { id, name } => {
                 let kinds = [(FRAME.0, Kind::Frames), (JOINT_STATE.0, Kind::JointStates)];
                 let kind = kinds.into_iter().find(|(known, _)| *known == name);
@@ -409,9 +418,5 @@ impl Visitor for Tracks<'_> {
             }
         }
         Ok(())
-    }
-
-    fn doubt(&mut self, place: u64, reason: &Doubt) {
-        print_error(&format_args!("{}: byte {place}: left out: {}", self.name, reason.text));
     }
 }

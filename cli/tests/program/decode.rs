@@ -266,6 +266,54 @@ fn log_cut_in_a_record_ends_with_its_sum() {
     fs::remove_file(path).unwrap();
 }
 
+/// A raw recording in which this is wrong has status 3 with `--strict`, and 0 without it.
+#[test]
+fn strict_refuses_whatever_is_no_frame() {
+    let path = free_path("strict");
+    let name = path.to_str().unwrap();
+    let wrong_sum = [0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9B, 0xFF];
+    let no_message = [0xAA, 0x06, 0x23, 0x01, 0xFE, 0x23, 0xFF];
+    for (recording, reason) in [
+        (RAW.to_vec(), None),
+        (vec![0x81; 300], Some("no frame of a Ling arm")),
+        (Vec::new(), Some("no frame of a Ling arm: the input is empty")),
+        ([RAW, wrong_sum].concat(), Some("noise bytes: 7")),
+        ([&RAW[..], &[0x11]].concat(), Some("noise bytes: 1")),
+        ([&RAW[..], &RAW[..4]].concat(), Some("noise bytes: 4")),
+        ([RAW, no_message].concat(), Some("frames without a message: 1")),
+        (
+            b"RX: AA 06 00 01 FE 9A FF\nRX: AA 06 0G 01 FE\n".to_vec(),
+            Some("not understood: 1"),
+        ),
+        (
+            b"(1.0) can0 123#00\n".to_vec(),
+            Some("no frame of a Ling arm: the input looks like 'candump'"),
+        ),
+        (
+            b"(1.0) can0 60F#07AA060001FE9AFF\n(2.0) can0 60F#07AA060001FE9BFF\n".to_vec(),
+            Some("PDUs without a frame: 1"),
+        ),
+    ] {
+        fs::write(&path, &recording).unwrap();
+        let strict = run(&["decode", "--strict", name]);
+        let text = String::from_utf8(strict.stderr).unwrap();
+        match reason {
+            None => assert!(strict.status.success() && text.is_empty(), "{text}"),
+            Some(reason) => assert!(
+                strict.status.code() == Some(3) && text.contains(reason),
+                "{reason}: {text}"
+            ),
+        }
+        let lenient = run(&["decode", name]);
+        assert!(lenient.status.success());
+        assert_eq!(lenient.stdout, strict.stdout);
+        let is_warned =
+            reason.is_some_and(|reason| reason.starts_with("no frame ") || reason.starts_with("not understood"));
+        assert_eq!(!lenient.stderr.is_empty(), is_warned, "{reason:?}");
+    }
+    fs::remove_file(path).unwrap();
+}
+
 #[test]
 fn error_of_a_4_megabyte_line_is_short() {
     let path = free_path("long.log");
@@ -283,7 +331,8 @@ fn format_option_overrides_detection() {
     fs::write(&path, "AA060001FE9AFF").unwrap();
     let path = path.to_str().unwrap();
     assert!(success(&["decode", path]).ends_with("bytes: 7, frames: 1, noise bytes: 0\n"));
-    assert!(success(&["decode", path, "--format", "raw"]).ends_with("bytes: 14, frames: 0, noise bytes: 14\n"));
+    let raw = run(&["decode", path, "--format", "raw"]);
+    assert!(raw.stdout.ends_with(b"bytes: 14, frames: 0, noise bytes: 14\n"));
     let output = run(&["decode", path, "--format", "blf", "--strict"]);
     assert_eq!(output.status.code(), Some(3));
     let out = String::from_utf8(output.stdout).unwrap();

@@ -148,7 +148,8 @@ fn decode_is_told_of_a_legacy_arm() {
     fs::write(&path, "AA 0A 03 05 04 13 00 FF\n").unwrap();
     let out = success(&["decode", "--arm", "ling-legacy", path.to_str().unwrap()]);
     assert!(
-        out.ends_with("frames: 1, noise bytes: 0\n") && out.contains("command 0A: unknown"),
+        out.ends_with("frames: 1, noise bytes: 0, frames without a message: 1\n")
+            && out.contains("command 0A: unknown"),
         "{out}"
     );
     fs::remove_file(path).unwrap();

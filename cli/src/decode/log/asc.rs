@@ -3,10 +3,12 @@
 use armwire_bridge::can::{FD_LENGTHS, Frame, MAX_CLASSIC};
 use armwire_bridge::{Duration, Instant};
 
-use super::{Doubt, Logged, Record, SECONDS, TextLog, Time, byte, data, frame, identifier, number, time};
+use super::{Doubt, LineReader, Logged, Read, SECONDS, Time, Unit, byte, data, frame, identifier, number, time};
 
 /// First words of lines in the header and between measurements, in lower case.
 const HEADINGS: [&str; 8] = ["date", "base", "internal", "no", "begin", "end", "//", "previous"];
+/// A statistic, a variable, a transmit request, and the like.
+const EVENT: Unit<'static> = Unit::Other("other events");
 /// The flag of a `CANFD` line whose frame is an FD frame.
 const EXTENDED_DATA_LENGTH: u32 = 1 << 12;
 
@@ -34,7 +36,7 @@ impl Asc {
         }
     }
 
-    fn read_heading(&mut self, line: &str) -> Result<Record<'static>, Doubt> {
+    fn read_heading(&mut self, line: &str) -> Read<'static> {
         let line = line.to_ascii_lowercase();
         if !HEADINGS.iter().any(|heading| line.starts_with(heading)) {
             return Err("no time".into());
@@ -48,7 +50,7 @@ impl Asc {
             };
             self.is_relative = words.any(|word| word == "relative");
         }
-        Ok(Record::Comment)
+        Ok(Unit::Comment)
     }
 
     /// Advances the clock of the log.
@@ -121,8 +123,8 @@ impl Asc {
     }
 }
 
-impl TextLog for Asc {
-    fn record<'a>(&mut self, line: &'a str) -> Result<Record<'a>, Doubt> {
+impl LineReader for Asc {
+    fn line<'a>(&mut self, line: &'a str) -> Read<'a> {
         let line = line.trim();
         if !line.starts_with(|character: char| character.is_ascii_digit()) {
             return self.read_heading(line);
@@ -137,19 +139,19 @@ impl TextLog for Asc {
                 true,
             ),
             (Some(bus), Some(id)) if number(bus, 10).is_some() => (bus, words.next(), id, false),
-            _ => return Ok(Record::Other),
+            _ => return Ok(EVENT),
         };
         let is_error = id.eq_ignore_ascii_case("ErrorFrame");
         // Only lines of classic error frames have no direction.
         if !direction.is_some_and(is_direction) && (is_fd || !is_error) {
-            return Ok(Record::Other);
+            return Ok(EVENT);
         }
         let frame = match (is_error, is_fd) {
             (true, _) => None,
             (false, true) => self.fd(id, words)?,
             (false, false) => self.classic(id, words)?,
         };
-        Ok(Record::Frame(Logged::whole(time, bus, frame)))
+        Ok(Unit::Can(Logged::whole(time, bus, frame)))
     }
 }
 

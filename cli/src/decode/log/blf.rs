@@ -14,7 +14,7 @@ use armwire_bridge::Instant;
 use armwire_bridge::can::Frame;
 use flate2::bufread::ZlibDecoder;
 
-use super::{Doubt, Logged, Place, Record, Take, Time, frame};
+use super::{Doubt, Logged, Place, Take, Time, Unit, frame};
 use crate::decode::input::Input;
 use crate::error::Error;
 
@@ -62,6 +62,7 @@ pub(in crate::decode) fn read(input: &mut Input<'_>, take: &mut Take<'_>) -> Res
     fill(input, &mut header, &mut objects)?;
     let size = u32_at(&header, 4).unwrap_or_default();
     if header.starts_with(SIGNATURE) && (header.len() as u32..=MAX_HEADER).contains(&size) {
+        (objects.take)(Place::Byte(0), Ok(Unit::Comment));
         skip(input, u64::from(size) - header.len() as u64, &mut objects)?;
     } else {
         // Objects may follow.
@@ -123,14 +124,20 @@ fn read_container(input: &mut Input<'_>, size: u64, objects: &mut Objects<'_, '_
         return Ok(());
     }
     let reason = match u16_at(&header, 0).unwrap_or_default() {
-        0 => return copy(input, size, objects),
+        0 => {
+            (objects.take)(Place::Byte(objects.at), Ok(Unit::Comment));
+            return copy(input, size, objects);
+        }
         2 => {
             let mut data = input.take(size);
             let copied = io::copy(&mut ZlibDecoder::new(&mut data), objects);
             let rest = data.limit();
             // Bytes after the compressed data belong to the container.
             match copied {
-                Ok(_) => return skip(input, rest, objects),
+                Ok(_) => {
+                    (objects.take)(Place::Byte(objects.at), Ok(Unit::Comment));
+                    return skip(input, rest, objects);
+                }
                 // The end of the file, or of the container.
                 Err(error) if error.kind() == ErrorKind::UnexpectedEof && rest > 0 => Doubt::cut(),
                 Err(error) if is_of_data(&error) => {
@@ -148,6 +155,9 @@ fn read_container(input: &mut Input<'_>, size: u64, objects: &mut Objects<'_, '_
         }
     };
     objects.doubt(reason);
+    if !objects.kept.is_empty() {
+        objects.doubt("an object in a damaged container".into());
+    }
     objects.lose();
     Ok(())
 }
@@ -346,18 +356,14 @@ impl Base {
 
 /// Passes the record of an object with this front to `take`.
 fn take_record(object: &[u8], place: Place<'_>, take: &mut Take<'_>) {
-    let stamp;
-    let bus;
-    let record = match event(object) {
-        Ok(Some((at, text, event))) => {
-            (stamp, bus) = (text, event.bus.to_string());
-            event
-                .frame()
-                .map(|frame| Record::Frame(Logged::whole(Time::seconds(at, &stamp), &bus, frame)))
+    let record = event(object).and_then(|event| match event {
+        Some((at, stamp, event)) => {
+            let bus = event.bus.to_string();
+            let logged = |frame| Logged::whole(Time::seconds(at, stamp), bus, frame);
+            event.frame().map(|frame| Unit::Can(logged(frame)))
         }
-        Ok(None) => Ok(Record::Other),
-        Err(reason) => Err(reason),
-    };
+        None => Ok(Unit::Other("other events")),
+    });
     take(place, record);
 }
 

@@ -3,7 +3,9 @@
 use armwire_bridge::Instant;
 use armwire_bridge::can::Frame;
 
-use super::{Doubt, Logged, Record, SECONDS, TextLog, Time, byte, data, decimal, frame, identifier, number, time};
+use super::{
+    Doubt, LineReader, Logged, Read, SECONDS, Time, Unit, byte, data, decimal, frame, identifier, number, time,
+};
 use crate::hex;
 
 /// The beginning of a line about frames that candump lost.
@@ -19,16 +21,16 @@ const DROPPED: &str = "DROPCOUNT: dropped ";
 /// and of frames for cansend, `cansend can0 60F#07AA060001FE9AFF`.
 pub(in crate::decode) struct Candump;
 
-impl TextLog for Candump {
-    fn record<'a>(&mut self, line: &'a str) -> Result<Record<'a>, Doubt> {
+impl LineReader for Candump {
+    fn line<'a>(&mut self, line: &'a str) -> Read<'a> {
         // Details below an error frame.
         if line.starts_with('\t') {
-            return Ok(Record::Comment);
+            return Ok(Unit::Comment);
         }
         if let Some(dropped) = line.strip_prefix(DROPPED) {
             let word = dropped.split_whitespace().next().unwrap_or_default();
             let frames = word.parse().map_err(|_| Doubt::word(word, "no number of frames"))?;
-            return Ok(Record::Dropped(frames));
+            return Ok(Unit::Dropped(frames));
         }
         let (time, line) = split_time(line.trim())?;
         let mut words = line.split_whitespace();
@@ -45,8 +47,8 @@ impl TextLog for Candump {
             None => printed(first, words)?,
         };
         Ok(match content {
-            Content::Frame(frame) => Record::Frame(Logged::whole(time, bus, frame)),
-            Content::Xl => Record::Other,
+            Content::Frame(frame) => Unit::Can(Logged::whole(time, bus, frame)),
+            Content::Xl => Unit::Other("CAN XL frames"),
         })
     }
 }

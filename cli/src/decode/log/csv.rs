@@ -4,7 +4,7 @@ use armwire_bridge::Instant;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 
-use super::{Doubt, Logged, Record, SECONDS, TextLog, Time, frame, identifier, number, time};
+use super::{Doubt, LineReader, Logged, Read, SECONDS, Time, Unit, frame, identifier, number, time};
 
 /// The first line of such a log.
 pub(in crate::decode) const HEADER: &str = "timestamp,arbitration_id,extended,remote,error,dlc,data";
@@ -17,11 +17,11 @@ pub(in crate::decode) const HEADER: &str = "timestamp,arbitration_id,extended,re
 /// ```
 pub(in crate::decode) struct Csv;
 
-impl TextLog for Csv {
-    fn record<'a>(&mut self, line: &'a str) -> Result<Record<'a>, Doubt> {
+impl LineReader for Csv {
+    fn line<'a>(&mut self, line: &'a str) -> Read<'a> {
         let line = line.trim();
         if line == HEADER {
-            return Ok(Record::Comment);
+            return Ok(Unit::Comment);
         }
         let mut fields = line.split(',');
         let mut field = |what: &str| fields.next().ok_or_else(|| Doubt::missing(what));
@@ -43,7 +43,7 @@ impl TextLog for Csv {
             // The log does not distinguish FD frames from others of the same length.
             false => frame(id, is_extended, dlc > 8, &data)?,
         };
-        Ok(Record::Frame(Logged::whole(time, "", frame)))
+        Ok(Unit::Can(Logged::whole(time, "", frame)))
     }
 }
 

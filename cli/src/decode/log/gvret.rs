@@ -2,7 +2,7 @@
 
 use armwire_bridge::can::{MAX_CLASSIC, MAX_FD};
 
-use super::{Doubt, Logged, MICROS, Record, TextLog, data, frame, identifier, number, time};
+use super::{Doubt, LineReader, Logged, MICROS, Read, Unit, data, frame, identifier, number, time};
 
 /// First columns of such a log.
 pub(in crate::decode) const HEADER: &str = "Time Stamp,ID,Extended,";
@@ -20,8 +20,8 @@ pub(in crate::decode) struct Gvret {
     lacks_direction: bool,
 }
 
-impl TextLog for Gvret {
-    fn record<'a>(&mut self, line: &'a str) -> Result<Record<'a>, Doubt> {
+impl LineReader for Gvret {
+    fn line<'a>(&mut self, line: &'a str) -> Read<'a> {
         let line = line.trim();
         if let Some(columns) = line.strip_prefix(HEADER) {
             self.lacks_direction = match columns {
@@ -29,7 +29,7 @@ impl TextLog for Gvret {
                 columns if columns.starts_with("Bus,LEN,") => true,
                 _ => return Err("unknown columns".into()),
             };
-            return Ok(Record::Comment);
+            return Ok(Unit::Comment);
         }
         let mut fields = line.split(',');
         let mut field = |what: &str| fields.next().ok_or_else(|| Doubt::missing(what));
@@ -57,9 +57,9 @@ impl TextLog for Gvret {
         data.resize(len, 0);
         // The log does not distinguish FD frames from others of the same length.
         let frame = frame(id, is_extended, false, &data)?;
-        Ok(Record::Frame(Logged {
+        Ok(Unit::Can(Logged {
             time,
-            bus,
+            bus: bus.into(),
             frame,
             lacking,
         }))

@@ -1,6 +1,6 @@
 //! The text of python-can's `Printer`, also in its logs of the type TXT.
 
-use super::{Doubt, Logged, Record, SECONDS, TextLog, data, frame, identifier, number, time};
+use super::{Doubt, LineReader, Logged, Read, SECONDS, Unit, data, frame, identifier, number, time};
 
 /// First characters of such a log.
 pub(in crate::decode) const BEGINNING: &str = "Timestamp: ";
@@ -15,8 +15,8 @@ pub(in crate::decode) const BEGINNING: &str = "Timestamp: ";
 /// frame, F for FD, BS and EI.
 pub(in crate::decode) struct Printer;
 
-impl TextLog for Printer {
-    fn record<'a>(&mut self, line: &'a str) -> Result<Record<'a>, Doubt> {
+impl LineReader for Printer {
+    fn line<'a>(&mut self, line: &'a str) -> Read<'a> {
         let after = |text: &'a str, what: &'static str| {
             let found = text
                 .split_once(what)
@@ -37,6 +37,6 @@ impl TextLog for Printer {
             true => None,
             false => frame(identifier(id, 16)?, has("X"), has("F"), &data(words, len, 16)?)?,
         };
-        Ok(Record::Frame(Logged::whole(time, bus.trim(), frame)))
+        Ok(Unit::Can(Logged::whole(time, bus.trim(), frame)))
     }
 }

@@ -1,40 +1,21 @@
-//! The records of a log, and the words in them.
+//! The frames of a log, and the words of its records.
+
+use std::borrow::Cow;
 
 use armwire_bridge::Instant;
 use armwire_bridge::can::{Frame, Id, MAX_CLASSIC};
 
-use crate::decode::doubts::{Doubt, Place};
+use crate::decode::doubts::Doubt;
 
 /// The highest 29-bit identifier.
 pub(super) const MAX_EXTENDED: u32 = 0x1FFF_FFFF;
-
-/// A consumer of the records of a log, each with its place.
-pub(in crate::decode) type Take<'a> = dyn FnMut(Place<'_>, Result<Record<'_>, Doubt>) + 'a;
-
-/// A format with one record per line.
-pub(in crate::decode) trait TextLog {
-    /// Parses a line that is not blank.
-    fn record<'a>(&mut self, line: &'a str) -> Result<Record<'a>, Doubt>;
-}
-
-/// One record of a log.
-#[derive(Debug, PartialEq)]
-pub(in crate::decode) enum Record<'a> {
-    Frame(Logged<'a>),
-    /// An event without a frame.
-    Other,
-    /// Frames that the logging program lost.
-    Dropped(u64),
-    /// A line that is no event of the bus, such as a comment.
-    Comment,
-}
 
 /// One frame of a log.
 #[derive(Debug, PartialEq)]
 pub(in crate::decode) struct Logged<'a> {
     pub(in crate::decode) time: Time<'a>,
     /// The name of the bus in the log; empty if there is none.
-    pub(in crate::decode) bus: &'a str,
+    pub(in crate::decode) bus: Cow<'a, str>,
     /// `None` for remote frames, error frames and 29-bit identifiers, which adapters do not use.
     pub(in crate::decode) frame: Option<Frame>,
     /// Number of bytes at the end of the frame that the log lacks. They are 0 in `frame`.
@@ -43,10 +24,10 @@ pub(in crate::decode) struct Logged<'a> {
 
 impl<'a> Logged<'a> {
     /// A frame with all of its data.
-    pub(super) fn whole(time: Time<'a>, bus: &'a str, frame: Option<Frame>) -> Self {
+    pub(in crate::decode) fn whole(time: Time<'a>, bus: impl Into<Cow<'a, str>>, frame: Option<Frame>) -> Self {
         Self {
             time,
-            bus,
+            bus: bus.into(),
             frame,
             lacking: 0,
         }
@@ -58,16 +39,22 @@ impl<'a> Logged<'a> {
 pub(in crate::decode) struct Time<'a> {
     pub(in crate::decode) at: Instant,
     /// The text in the log; empty if there is none.
-    pub(in crate::decode) stamp: &'a str,
+    pub(in crate::decode) stamp: Cow<'a, str>,
     /// The unit of the text; empty for seconds.
     pub(in crate::decode) unit: &'static str,
 }
 
 impl<'a> Time<'a> {
     /// A time whose text is in seconds, or a date.
-    pub(super) fn seconds(at: Instant, stamp: &'a str) -> Self {
+    pub(in crate::decode) fn seconds(at: Instant, stamp: impl Into<Cow<'a, str>>) -> Self {
+        let stamp = stamp.into();
         Self { at, stamp, unit: "" }
     }
+}
+
+/// The text of a time in ns, in seconds.
+pub(in crate::decode) fn seconds(nanos: u64) -> String {
+    format!("{}.{:09}", nanos / 1_000_000_000, nanos % 1_000_000_000)
 }
 
 /// Converts a time, a decimal number in this unit.
@@ -75,7 +62,7 @@ pub(super) fn time<'a>(text: &'a str, unit: Unit) -> Result<Time<'a>, Doubt> {
     let micros = decimal(text, unit.decimals).ok_or_else(|| Doubt::word(text, "no time"))?;
     Ok(Time {
         at: Instant::from_micros(micros),
-        stamp: text,
+        stamp: text.into(),
         unit: unit.suffix,
     })
 }
@@ -141,7 +128,7 @@ pub(super) fn byte(word: &str, base: u32) -> Option<u8> {
 
 /// A data frame; `None` if its identifier has 29 bits. More than 8 bytes are those of an FD frame in any case: some
 /// programs write no other sign of it.
-pub(super) fn frame(id: u32, is_extended: bool, is_fd: bool, data: &[u8]) -> Result<Option<Frame>, Doubt> {
+pub(in crate::decode) fn frame(id: u32, is_extended: bool, is_fd: bool, data: &[u8]) -> Result<Option<Frame>, Doubt> {
     let max = if is_extended {
         MAX_EXTENDED
     } else {

@@ -2,8 +2,10 @@
 
 use armwire_bridge::can::{FD_LENGTHS, Frame};
 
-use super::{Doubt, Logged, MILLIS, Record, TextLog, data, frame, identifier, number, time};
+use super::{Doubt, LineReader, Logged, MILLIS, Read, Unit, data, frame, identifier, number, time};
 
+/// A warning, an error, or a status.
+const EVENT: Unit<'static> = Unit::Other("other events");
 /// Maximum number of columns in a trace.
 const MAX_COLUMNS: usize = 16;
 
@@ -39,7 +41,7 @@ enum Version {
 }
 
 impl Trc {
-    fn read_comment(&mut self, comment: &str) -> Result<Record<'static>, Doubt> {
+    fn read_comment(&mut self, comment: &str) -> Read<'static> {
         if let Some(version) = comment.strip_prefix("$FILEVERSION=") {
             self.version = match version.trim() {
                 "1.0" => Version::V1_0,
@@ -60,11 +62,11 @@ impl Trc {
                 return Err("more than 16 columns".into());
             }
         }
-        Ok(Record::Comment)
+        Ok(Unit::Comment)
     }
 
     /// `1) 1059.9 1 Rx 060F - 8 07 AA ...`, with the fields of this version.
-    fn first_version<'a>(&self, line: &'a str) -> Result<Record<'a>, Doubt> {
+    fn first_version<'a>(&self, line: &'a str) -> Read<'a> {
         let mut words = line.split_whitespace();
         let mut word = |what: &str| words.next().ok_or_else(|| Doubt::missing(what));
         if !word("number")?.ends_with(')') {
@@ -76,12 +78,12 @@ impl Trc {
             _ => "",
         };
         if !matches!(self.version, Version::V1_0) && !matches!(word("type")?, "Rx" | "Tx") {
-            return Ok(Record::Other);
+            return Ok(EVENT);
         }
         let id = word("identifier")?;
         // The identifier of a warning in version 1.0.
         if id == "FFFFFFFF" {
-            return Ok(Record::Other);
+            return Ok(EVENT);
         }
         if matches!(self.version, Version::V1_3) {
             word("reserved column")?;
@@ -89,15 +91,15 @@ impl Trc {
         let len = number(word("length")?, 10).ok_or_else(|| Doubt::missing("length of the data"))?;
         let mut words = words.peekable();
         let frame = match words.peek() {
-            Some(&"ERROR") => return Ok(Record::Other),
+            Some(&"ERROR") => return Ok(EVENT),
             Some(&"RTR") => None,
             _ => whole_frame(id, false, &data(words, len as usize, 16)?)?,
         };
-        Ok(Record::Frame(Logged::whole(time, bus, frame)))
+        Ok(Unit::Can(Logged::whole(time, bus, frame)))
     }
 
     /// A line with the columns of the header.
-    fn second_version<'a>(&self, line: &'a str) -> Result<Record<'a>, Doubt> {
+    fn second_version<'a>(&self, line: &'a str) -> Read<'a> {
         if self.columns.is_empty() {
             return Err("no $COLUMNS before the first message".into());
         }
@@ -111,7 +113,7 @@ impl Trc {
             "DT" => Some(false),
             "FD" | "FB" | "FE" | "BI" => Some(true),
             "RR" => None,
-            _ => return Ok(Record::Other),
+            _ => return Ok(EVENT),
         };
         let time = time(word('O', "time")?, MILLIS)?;
         let id = word('I', "identifier")?;
@@ -130,12 +132,12 @@ impl Trc {
             }
         };
         let bus = column('B').and_then(|column| words().nth(column)).unwrap_or_default();
-        Ok(Record::Frame(Logged::whole(time, bus, frame)))
+        Ok(Unit::Can(Logged::whole(time, bus, frame)))
     }
 }
 
-impl TextLog for Trc {
-    fn record<'a>(&mut self, line: &'a str) -> Result<Record<'a>, Doubt> {
+impl LineReader for Trc {
+    fn line<'a>(&mut self, line: &'a str) -> Read<'a> {
         let line = line.trim();
         match (line.strip_prefix(';'), self.version) {
             (Some(comment), _) => self.read_comment(comment),

@@ -4,139 +4,108 @@ mod chunk;
 mod fields;
 pub(crate) mod records;
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 
-use super::doubts::{Doubt, Doubts, Place};
+use super::doubts::{Doubt, Place};
+use super::framed::Recorded;
 use super::input::Input;
-use super::meaning::frame_meaning;
-use super::output::{Item, OnLine, Output};
-use crate::args::Speaker;
+use super::unit::{Read, Take, Unit};
 use crate::error::Error;
-use crate::recording::Frame;
-use crate::recording::messages::{FRAME, MESSAGE_ENCODING, parse_frame};
-use records::{Record, Visitor, damaged_record};
+use crate::recording::messages::{FRAME, JOINT_STATE, MESSAGE_ENCODING, parse_frame};
+use records::{Record, STRUCTURE, Visitor, damaged_record};
 
-/// Prints the frames of a recording that `armwire monitor --mcap` wrote, and the sum. Returns the number of its parts that
-/// were not understood.
-pub(super) fn decode(input: &mut Input<'_>, out: &dyn Output) -> Result<u64, Error> {
+/// Passes each record of a file to `take`. A whole file without the frames of `armwire monitor --mcap` is an error.
+pub(super) fn read(input: &mut Input<'_>, take: &mut Take<'_>) -> Result<(), Error> {
     let mut frames = Frames {
-        out,
-        schemas: BTreeSet::new(),
+        take,
+        schemas: BTreeMap::new(),
         channels: BTreeMap::new(),
-        frames: 0,
-        noise_bytes: 0,
-        doubts: Doubts::default(),
+        has_doubts: false,
     };
-    let read = records::read(input, &mut frames);
-    let finished = frames.finish(&read);
-    let (place, reason) = match read {
-        Err(error) => error,
-        Ok(_) => match finished {
-            Ok(()) => return Ok(frames.doubts.count()),
-            Err(reason) => (input.offset(), reason),
-        },
-    };
-    Err(input.refused_at(place, &reason))
+    let is_cut = records::read(input, &mut frames).map_err(|(place, reason)| input.refused_at(place, &reason))?;
+    if is_cut {
+        frames.take(
+            Place::End,
+            Err(Doubt::new("the file has no end", "the file has no end")),
+        );
+    }
+    let has_channel = frames.channels.values().any(|kind| *kind == FRAMES);
+    match has_channel || frames.has_doubts {
+        true => Ok(()),
+        false => {
+            let reason = format!("no channel of {}: 'armwire monitor --mcap' records one", FRAME.0);
+            Err(input.refused_at(input.offset(), &reason))
+        }
+    }
 }
 
-/// The frames of a recording so far.
-struct Frames<'a> {
-    out: &'a dyn Output,
-    /// The schemas of frames.
-    schemas: BTreeSet<u16>,
-    /// The channels, and whether they are for frames.
-    channels: BTreeMap<u16, bool>,
-    frames: u64,
-    noise_bytes: u64,
-    doubts: Doubts,
+/// The kinds of messages.
+const FRAMES: &str = "frames";
+const JOINT_STATES: &str = "joint states";
+const OTHERS: &str = "messages of other types";
+
+/// The schemas and channels of a file so far.
+struct Frames<'t, 'a> {
+    take: &'t mut Take<'a>,
+    /// The kinds of messages by schema, and by channel.
+    schemas: BTreeMap<u16, &'static str>,
+    channels: BTreeMap<u16, &'static str>,
+    has_doubts: bool,
 }
 
-impl Visitor for Frames<'_> {
-    fn record(&mut self, record: Record<'_>) -> Result<(), Doubt> {
+impl Visitor for Frames<'_, '_> {
+    fn unit(&mut self, place: u64, record: Result<Record<'_>, Doubt>) {
+        let read = record.and_then(|record| self.read(record));
+        self.take(Place::Byte(place), read);
+    }
+}
+
+impl Frames<'_, '_> {
+    fn take(&mut self, place: Place<'_>, read: Read<'_>) {
+        self.has_doubts |= read.is_err();
+        (self.take)(place, read);
+    }
+
+    fn read(&mut self, record: Record<'_>) -> Read<'static> {
         match record {
-            Record::Schema { id, name } if name == FRAME.0 => {
-                self.schemas.insert(id);
+            Record::Schema { id, name } => {
+                let kinds = [(FRAME.0, FRAMES), (JOINT_STATE.0, JOINT_STATES)];
+                let kind = kinds.into_iter().find(|(known, _)| *known == name);
+                self.schemas.extend(kind.map(|(_, kind)| (id, kind)));
+                Ok(Unit::Comment)
             }
             Record::Channel {
                 id, schema, encoding, ..
             } => {
-                let has_frames = self.schemas.contains(&schema) && encoding == MESSAGE_ENCODING;
-                self.channels.insert(id, has_frames);
+                let kind = self.schemas.get(&schema).filter(|_| encoding == MESSAGE_ENCODING);
+                self.channels.insert(id, kind.unwrap_or(&OTHERS));
+                Ok(Unit::Comment)
             }
+            Record::Other(STRUCTURE) => Ok(Unit::Comment),
+            Record::Other(kind) => Ok(Unit::Other(kind)),
             Record::Message {
                 channel,
                 sequence,
                 log_time,
                 data,
             } => match self.channels.get(&channel) {
-                Some(true) => {
+                Some(&FRAMES) => {
                     let frame = parse_frame(log_time.cast_signed(), data)
                         .map_err(|reason| damaged_record(format!("message {sequence}: {reason}")))?;
-                    self.show(&frame);
+                    Ok(Unit::Frame(Recorded {
+                        stamp: frame.stamp,
+                        protocol: frame.protocol,
+                        from: Some(frame.from),
+                        bytes: frame.bytes.into(),
+                    }))
                 }
-                Some(false) => {}
+                Some(kind) => Ok(Unit::Other(kind)),
                 None => {
                     let text = format!("message {sequence}: channel {channel} is not before it");
-                    return Err(Doubt::new("messages without their channel", text));
+                    Err(Doubt::new("messages without their channel", text))
                 }
             },
-            Record::Schema { .. } => {}
         }
-        Ok(())
-    }
-
-    fn doubt(&mut self, place: u64, reason: &Doubt) {
-        self.doubts.add(Place::Byte(place), reason, self.out);
-    }
-}
-
-impl Frames<'_> {
-    fn show(&mut self, frame: &Frame) {
-        let Frame {
-            stamp,
-            protocol,
-            from,
-            bytes,
-            ..
-        } = frame;
-        let meaning = frame_meaning(*protocol, bytes, *from);
-        match meaning {
-            Ok(_) => self.frames += 1,
-            Err(_) => self.noise_bytes += bytes.len() as u64,
-        }
-        let direction = match from {
-            Speaker::Host => "to arm",
-            Speaker::Arm => "from arm",
-        };
-        let (seconds, nanos) = (stamp.div_euclid(1_000_000_000), stamp.rem_euclid(1_000_000_000));
-        self.out.item(&Item {
-            place: format_args!("{seconds}.{nanos:09}  {direction:8}"),
-            bytes,
-            text: meaning.as_ref().unwrap_or_else(|reason| reason),
-            on_line: Some(OnLine {
-                protocol: *protocol,
-                from: Some(*from),
-                nanos: stamp.cast_unsigned(),
-            }),
-        });
-    }
-
-    /// The sum.
-    fn finish(&self, read: &Result<bool, (u64, String)>) -> Result<(), String> {
-        let has_channel = self.channels.values().any(|has_frames| *has_frames);
-        if !has_channel && self.doubts.count() == 0 && *read == Ok(false) {
-            return Err(format!(
-                "no channel of {}: 'armwire monitor --mcap' records one",
-                FRAME.0
-            ));
-        }
-        let mut sum = format!("frames: {}, noise bytes: {}", self.frames, self.noise_bytes);
-        sum += &self.doubts.sum();
-        if *read == Ok(true) {
-            sum += ", the file has no end";
-        }
-        self.out.remark(format_args!("{sum}"));
-        Ok(())
     }
 }
 
@@ -147,11 +116,12 @@ mod tests {
     use proptest::collection::vec;
     use proptest::prelude::*;
 
-    use super::*;
-    use crate::args::ArmKind;
+    use crate::args::{ArmKind, Speaker};
+    use crate::decode::decode_recording;
     use crate::decode::format::Format;
     use crate::decode::input::Head;
-    use crate::decode::tests::printed;
+    use crate::decode::tests::{Nowhere, line, printed};
+    use crate::recording::Frame;
     use crate::recording::tests::{any_frame, file};
     use armwire_host::describe::Protocol;
 
@@ -299,7 +269,7 @@ mod tests {
         assert_eq!(zstd, lz4);
         // The count of the library for Python.
         assert_eq!(zstd.0.len(), 84 + 1);
-        assert_eq!(zstd.0[84], "frames: 84, noise bytes: 0");
+        assert_eq!(zstd.0[84], "frames: 84, noise bytes: 0, joint states: 40");
     }
 
     #[test]
@@ -354,10 +324,9 @@ mod tests {
             for value in [0, 0x80, 0xFF, file[at] ^ 1] {
                 let mut damaged = file.to_vec();
                 damaged[at] = value;
-                let out = crate::decode::tests::Nowhere;
                 let measured = allocation_counter::measure(|| {
-                    let head = Head::new("log".to_owned(), Box::new(&damaged[..]), &out);
-                    let _ = decode(&mut head.into_input(), &out);
+                    let head = Head::new("log".to_owned(), Box::new(&damaged[..]), &Nowhere);
+                    let _ = decode_recording(head, &Nowhere, Some(Format::Mcap), line(ArmKind::Ling, None));
                 });
                 assert!(
                     measured.bytes_max < MAX_MEMORY,
@@ -379,7 +348,9 @@ mod tests {
             let (lines, error) = output(&file[..cut]);
             prop_assert_eq!(error, None);
             let (sum, lines) = lines.split_last().unwrap();
-            prop_assert!(sum.ends_with(", the file has no end"), "{}", sum);
+            prop_assert!(sum.ends_with(", not understood: 1 (the file has no end: 1)"), "{}", sum);
+            let (remark, lines) = lines.split_last().unwrap();
+            prop_assert_eq!(remark, "not understood: the end: the file has no end");
             prop_assert_eq!(lines, &whole[..lines.len()]);
         }
 
@@ -391,7 +362,7 @@ mod tests {
             for recording in [damaged, [&file[..8], &bytes].concat()] {
                 let (lines, error) = printed(&recording, Some(Format::Mcap), ArmKind::Ling, None);
                 let has_sum = lines.last().is_some_and(|sum| sum.starts_with("frames: "));
-                prop_assert!(has_sum || error.is_some_and(|error| error.contains("no channel of")), "{:?}", lines);
+                prop_assert!(has_sum || lines.is_empty() && error.is_some(), "{:?}", lines);
             }
         }
     }
@@ -413,9 +384,8 @@ mod tests {
             assert!(chunks.len() > 2);
             let measured = allocation_counter::measure(|| {
                 let source = Box::new(&recording[..]);
-                let out = crate::decode::tests::Nowhere;
-                let head = Head::new("log".to_owned(), source, &out);
-                decode(&mut head.into_input(), &out).unwrap();
+                let head = Head::new("log".to_owned(), source, &Nowhere);
+                decode_recording(head, &Nowhere, Some(Format::Mcap), line(ArmKind::Ling, None)).unwrap();
             });
             let max = if compression.is_empty() {
                 MAX_MEMORY

@@ -18,6 +18,9 @@ const MAX_RECORD: usize = 64 * 1024 * 1024;
 /// The length of a record's code and of its length.
 const HEAD: u64 = 9;
 
+/// The kind of records that describe the file: its head, its end, and indexes.
+pub(crate) const STRUCTURE: &str = "structure";
+
 /// A record.
 pub(crate) enum Record<'a> {
     /// The type of messages.
@@ -29,6 +32,8 @@ pub(crate) enum Record<'a> {
         topic: &'a str,
         encoding: &'a str,
     },
+    /// A record of this kind that leads to no message.
+    Other(&'static str),
     /// A message. The log time is in nanoseconds since 1970.
     Message {
         channel: u16,
@@ -40,12 +45,9 @@ pub(crate) enum Record<'a> {
 
 /// A consumer of a file.
 pub(crate) trait Visitor {
-    /// Takes a record. An error is the reason why it is not read.
-    fn record(&mut self, record: Record<'_>) -> Result<(), Doubt>;
-
-    /// Takes the reason why a part is not read. Its place is that of the record that has it, in bytes. A chunk is not read
-    /// from the first such record to its end.
-    fn doubt(&mut self, place: u64, reason: &Doubt);
+    /// Takes what a record at this place is, in bytes, or the reason why it is not read. The place of one in a chunk is
+    /// that of the chunk. A damaged chunk is not read from the first such record to its end.
+    fn unit(&mut self, place: u64, record: Result<Record<'_>, Doubt>);
 }
 
 /// Hands the records of a file, also those in its chunks, to `visitor`. Returns true if the file is cut: its program was
@@ -61,12 +63,13 @@ pub(crate) fn read(file: &mut dyn BufRead, visitor: &mut dyn Visitor) -> Result<
         place += HEAD + data.0.len() as u64;
         match opcode {
             op::CHUNK => {
-                if let Err(reason) = read_chunk(data, at, visitor) {
-                    let doubt = Doubt::new("damaged chunks", format!("damaged chunk: {reason}"));
-                    visitor.doubt(at, &doubt);
-                }
+                let chunk = read_chunk(data, at, visitor).map(|()| Record::Other(STRUCTURE));
+                visitor.unit(
+                    at,
+                    chunk.map_err(|reason| Doubt::new("damaged chunks", format!("damaged chunk: {reason}"))),
+                );
             }
-            _ => read_record(opcode, data, at, visitor),
+            _ => visitor.unit(at, parse_record(opcode, data).map_err(damaged_record)),
         }
     });
     read.map_err(|reason| (place, reason))
@@ -105,22 +108,10 @@ fn read_chunk(fields: Fields<'_>, place: u64, visitor: &mut dyn Visitor) -> Resu
         .with_skip_start_magic(true)
         .with_skip_end_magic(true);
     match split(&mut records, options, &mut |opcode, data| {
-        read_record(opcode, data, place, visitor);
+        visitor.unit(place, parse_record(opcode, data).map_err(damaged_record));
     })? {
         true => Err("a record extends beyond it".to_owned()),
         false => Ok(()),
-    }
-}
-
-/// Hands a record to `visitor` unless it does not lead to messages.
-fn read_record(opcode: u8, fields: Fields<'_>, place: u64, visitor: &mut dyn Visitor) {
-    let read = match parse_record(opcode, fields) {
-        Ok(Some(record)) => visitor.record(record),
-        Ok(None) => Ok(()),
-        Err(reason) => Err(damaged_record(reason)),
-    };
-    if let Err(reason) = read {
-        visitor.doubt(place, &reason);
     }
 }
 
@@ -128,8 +119,8 @@ pub(crate) fn damaged_record(reason: impl Display) -> Doubt {
     Doubt::new("damaged records", format!("damaged record: {reason}"))
 }
 
-fn parse_record(opcode: u8, mut fields: Fields<'_>) -> Result<Option<Record<'_>>, String> {
-    Ok(Some(match opcode {
+fn parse_record(opcode: u8, mut fields: Fields<'_>) -> Result<Record<'_>, String> {
+    Ok(match opcode {
         op::SCHEMA => Record::Schema {
             id: fields.u16()?,
             name: fields.text()?,
@@ -154,8 +145,10 @@ fn parse_record(opcode: u8, mut fields: Fields<'_>) -> Result<Option<Record<'_>>
                 data: fields.0,
             }
         }
-        _ => return Ok(None),
-    }))
+        op::ATTACHMENT => Record::Other("attachments"),
+        op::METADATA => Record::Other("metadata"),
+        _ => Record::Other(STRUCTURE),
+    })
 }
 
 #[cfg(test)]
@@ -167,12 +160,9 @@ mod tests {
     struct Damage(Vec<String>);
 
     impl Visitor for Damage {
-        fn record(&mut self, _: Record<'_>) -> Result<(), Doubt> {
-            Ok(())
-        }
-
-        fn doubt(&mut self, place: u64, reason: &Doubt) {
-            self.0.push(format!("{place}: {}", reason.text));
+        fn unit(&mut self, place: u64, record: Result<Record<'_>, Doubt>) {
+            self.0
+                .extend(record.err().map(|reason| format!("{place}: {}", reason.text)));
         }
     }
 

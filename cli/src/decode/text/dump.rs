@@ -17,6 +17,8 @@ use super::column::before_column;
 use super::logged::{Log, without_escapes};
 use super::word::{Word, words};
 use crate::decode::doubts::Doubt;
+use crate::decode::lines::LineReader;
+use crate::decode::unit::{Bytes, Read, Unit};
 use crate::hex;
 
 /// Maximum number of bytes that a line `*` stands for.
@@ -121,13 +123,49 @@ fn has_offset(line: &str) -> bool {
 
 /// Returns true if the offset of `next` fits to that of `line` and the bytes between, in some base.
 pub(in super::super) fn follows(line: &str, next: &str) -> bool {
-    let mut dump = Dump::new(Some(Order::Big));
-    let mut fits = true;
-    for line in [line, next] {
-        let pushed = dump.push(0, line, &mut |_| {}, &mut |_, _, _| fits = false);
-        fits &= pushed.is_ok();
+    let mut dump = Dump::new(Order::Big);
+    let mut fits = |line| match dump.line(line) {
+        Ok(Unit::Bytes(bytes)) => bytes.gap.is_none(),
+        unit => unit.is_ok(),
+    };
+    fits(line) && fits(next)
+}
+
+/// The order of the bytes in the dump that begins with these lines; `None` if more lines may tell it. The error is the
+/// number and the text of a line that cannot be read, and the reason.
+pub(in super::super) fn order<'a>(
+    lines: impl Iterator<Item = (u64, &'a str)>,
+    is_all: bool,
+) -> Result<Option<Order>, (u64, String, String)> {
+    let mut has_colon = false;
+    let mut ambiguous = None;
+    let mut left = MAX_WAITING;
+    for (number, text) in lines {
+        let plain = without_escapes(text);
+        let Some(Line::Data(row)) = columns(&plain) else {
+            continue;
+        };
+        match order_of(&row) {
+            Ok(None) => {}
+            Ok(order) => return Ok(order),
+            Err(reason) => return Err((number, text.to_owned(), reason)),
+        }
+        has_colon |= row.has_colon;
+        // The groups of `xxd -e` have 4 bytes unless it is told another size.
+        if row.has_colon && row.widest() == 8 && !row.is_same_in_any_order() {
+            ambiguous = Some((number, text.to_owned(), AMBIGUOUS.to_owned()));
+        }
+        left -= 1;
+        if left == 0 || text.len() >= MAX_WAITING_LEN {
+            break;
+        }
     }
-    fits
+    match ambiguous {
+        _ if !is_all && left > 0 => Ok(None),
+        Some(ambiguous) => Err(ambiguous),
+        // Programs that write no colon write words of the machine.
+        None => Ok(Some(if has_colon { Order::Big } else { Order::Little })),
+    }
 }
 
 fn is_hex(word: &str) -> bool {
@@ -136,7 +174,7 @@ fn is_hex(word: &str) -> bool {
 
 /// The order of the bytes in a word.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Order {
+pub(in super::super) enum Order {
     /// The order of the file.
     Big,
     Little,
@@ -166,14 +204,9 @@ fn word_bytes(word: &str, order: Order) -> Result<Vec<u8>, String> {
     Ok(bytes)
 }
 
-/// Takes a part that is not understood: the number of its line, its text, and the reason.
-pub(super) type TakeDoubt<'a> = dyn FnMut(u64, &str, Doubt) + 'a;
-
 /// A dump that is being read.
 pub(super) struct Dump {
-    order: Option<Order>,
-    /// The lines before the order is known, with their numbers.
-    waiting: Vec<(u64, String)>,
+    order: Order,
     /// The bases of the offsets that fit so far.
     bases: Vec<u32>,
     /// The offset of the last line in each of `bases`.
@@ -185,130 +218,47 @@ pub(super) struct Dump {
     /// The length of its longest word, in bytes.
     word: usize,
     is_repeated: bool,
+    /// The bytes to pass on.
+    ready: Vec<u8>,
 }
 
 impl Dump {
-    /// A dump whose words have this order of bytes; `None` if their characters tell it.
-    pub(super) fn new(order: Option<Order>) -> Self {
+    /// A dump whose words have this order of bytes.
+    pub(super) fn new(order: Order) -> Self {
         Self {
             order,
-            waiting: Vec::new(),
             bases: Vec::new(),
             offsets: Vec::new(),
             last: Vec::new(),
             is_delayed: false,
             word: 0,
             is_repeated: false,
+            ready: Vec::new(),
         }
     }
 
-    /// Takes the next line. The error is the reason why the dump cannot be read.
-    pub(super) fn push(
-        &mut self,
-        number: u64,
-        text: &str,
-        take: &mut dyn FnMut(&[u8]),
-        doubt: &mut TakeDoubt<'_>,
-    ) -> Result<(), String> {
-        let text = &*without_escapes(text);
-        let Some(line) = columns(text) else {
-            let has_begun = !self.bases.is_empty() || !self.waiting.is_empty();
-            // Headings have no bytes.
-            if has_begun && (has_offset(text) || !matches!(Log::default().find(text), Ok(None))) {
-                doubt(number, text, "no offset and bytes of a hex dump".into());
-            }
-            return Ok(());
-        };
-        if self.order.is_none() {
-            self.waiting.push((number, text.to_owned()));
-            if let Line::Data(row) = &line {
-                self.order = order_of(row)?;
-            }
-            if self.order.is_none() && self.waiting.len() < MAX_WAITING && text.len() < MAX_WAITING_LEN {
-                return Ok(());
-            }
-            return self.decide(take, doubt);
-        }
-        self.take_line(number, text, &line, take, doubt)
-    }
-
-    /// Ends the dump.
-    pub(super) fn finish(&mut self, take: &mut dyn FnMut(&[u8]), doubt: &mut TakeDoubt<'_>) -> Result<(), String> {
-        self.decide(take, doubt)?;
-        self.pass_last(take);
-        Ok(())
-    }
-
-    /// Reads the lines that wait for the order.
-    fn decide(&mut self, take: &mut dyn FnMut(&[u8]), doubt: &mut TakeDoubt<'_>) -> Result<(), String> {
-        let waiting = std::mem::take(&mut self.waiting);
-        let lines: Vec<_> = waiting
-            .iter()
-            .filter_map(|(number, text)| Some((number, text, columns(text)?)))
-            .collect();
-        let is_ambiguous = lines.iter().any(|(_, _, line)| match line {
-            // The groups of `xxd -e` have 4 bytes unless it is told another size.
-            Line::Data(row) => row.has_colon && row.widest() == 8 && !row.is_same_in_any_order(),
-            Line::Repeated => false,
-        });
-        if self.order.is_none() && is_ambiguous {
-            return Err(AMBIGUOUS.to_owned());
-        }
-        // Programs that write no colon write words of the machine.
-        let has_colon = lines
-            .iter()
-            .any(|(_, _, line)| matches!(line, Line::Data(row) if row.has_colon));
-        self.order
-            .get_or_insert(if has_colon { Order::Big } else { Order::Little });
-        for (number, text, line) in &lines {
-            self.take_line(**number, text, line, take, doubt)?;
-        }
-        Ok(())
-    }
-
-    fn take_line(
-        &mut self,
-        number: u64,
-        text: &str,
-        line: &Line<'_>,
-        take: &mut dyn FnMut(&[u8]),
-        doubt: &mut TakeDoubt<'_>,
-    ) -> Result<(), String> {
-        let row = match line {
-            Line::Repeated if self.last.is_empty() => {
-                doubt(number, text, "no line is before the repetition".into());
-                return Ok(());
-            }
-            Line::Repeated => {
-                self.is_repeated = true;
-                return Ok(());
-            }
-            Line::Data(row) => row,
-        };
-        if let Some(reason) = self.advance(row, take)? {
-            doubt(number, text, reason);
-        }
-        let order = self.order.unwrap_or(Order::Big);
-        match bytes_of(&row.words, order) {
-            Ok(bytes) => self.last = bytes,
-            Err(reason) => doubt(number, text, Doubt::new("no bytes in hexadecimal", reason)),
-        }
+    /// Takes a line with an offset.
+    fn row(&mut self, row: &Row<'_>) -> Read<'static> {
+        let gap = self.advance(row)?;
+        let bytes = bytes_of(&row.words, self.order);
+        self.last = bytes.map_err(|reason| Doubt::new("no bytes in hexadecimal", reason))?;
         self.word = row.widest() / 2;
-        self.is_delayed = order == Order::Little && self.word > 1;
+        self.is_delayed = self.order == Order::Little && self.word > 1;
         if !self.is_delayed {
-            take(&self.last);
+            self.ready.extend(&self.last);
         }
-        Ok(())
+        let bytes = Bytes::new(std::mem::take(&mut self.ready));
+        Ok(Unit::Bytes(Bytes { gap, ..bytes }))
     }
 
-    fn pass_last(&mut self, take: &mut dyn FnMut(&[u8])) {
+    fn pass_last(&mut self) {
         if std::mem::take(&mut self.is_delayed) {
-            take(&self.last);
+            self.ready.extend(&self.last);
         }
     }
 
     /// Passes on what ends at this offset.
-    fn advance(&mut self, row: &Row<'_>, take: &mut dyn FnMut(&[u8])) -> Result<Option<Doubt>, String> {
+    fn advance(&mut self, row: &Row<'_>) -> Result<Option<Doubt>, Doubt> {
         let text = row.offset;
         let is_end = row.words.is_empty();
         let value = |base| u64::from_str_radix(text, base).ok();
@@ -339,25 +289,25 @@ impl Dump {
         if let [(one, _, a), (other, _, b), ..] = fitting[..]
             && a != b
         {
-            return Err(format!(
+            return Err(Doubt::last(format!(
                 "the offset '{text}' may have base {one} or {other}: choose the option of the dump"
-            ));
+            )));
         }
         let is_restart = !is_end && gaps.iter().all(|(_, offset, _)| *offset == 0);
         let doubt = match fitting.first() {
             Some(&(_, _, gap)) => {
-                self.pass_delayed(gap, take);
+                self.pass_delayed(gap);
                 match self.is_repeated && gap > 0 {
-                    true => self.repeat(gap as u64, take),
+                    true => self.repeat(gap as u64),
                     false => None,
                 }
             }
             None if is_restart => {
-                self.pass_delayed(0, take);
+                self.pass_delayed(0);
                 None
             }
             None => {
-                self.pass_delayed(0, take);
+                self.pass_delayed(0);
                 let expected: Vec<_> = self.offsets.iter().map(|before| before.wrapping_add(len)).collect();
                 let reason = misfit(text, &self.bases, &expected);
                 Some(Doubt::new("offsets that do not fit", reason))
@@ -369,30 +319,56 @@ impl Dump {
         self.last.clear();
         self.is_repeated = false;
         if self.bases.is_empty() {
-            return Err(format!("'{text}' is no offset in the base of the others"));
+            let reason = format!("'{text}' is no offset in the base of the others");
+            return Err(Doubt::last(reason));
         }
         Ok(doubt)
     }
 
     /// Passes on the last line, without padding at its end.
-    fn pass_delayed(&mut self, gap: i64, take: &mut dyn FnMut(&[u8])) {
+    fn pass_delayed(&mut self, gap: i64) {
         if gap < 0 {
             self.last
                 .truncate(self.last.len().saturating_sub(gap.unsigned_abs() as usize));
         }
-        self.pass_last(take);
+        self.pass_last();
     }
 
     /// Passes on the repetitions of the last line.
-    fn repeat(&self, len: u64, take: &mut dyn FnMut(&[u8])) -> Option<Doubt> {
+    fn repeat(&mut self, len: u64) -> Option<Doubt> {
         if len > MAX_REPEATED {
             let text = format!("the line '*' stands for {len} bytes, at most {MAX_REPEATED} are repeated");
             return Some(Doubt::new("repetitions that are too long", text));
         }
         for _ in 0..len / self.last.len().max(1) as u64 {
-            take(&self.last);
+            self.ready.extend(&self.last);
         }
         None
+    }
+}
+
+impl LineReader for Dump {
+    fn line<'a>(&mut self, line: &'a str) -> Read<'a> {
+        let plain = without_escapes(line);
+        match columns(&plain) {
+            Some(Line::Data(row)) => self.row(&row),
+            Some(Line::Repeated) if self.last.is_empty() => Err("no line is before the repetition".into()),
+            Some(Line::Repeated) => {
+                self.is_repeated = true;
+                Ok(Unit::Comment)
+            }
+            // A heading.
+            None if self.bases.is_empty() => Ok(Unit::Comment),
+            None if has_offset(&plain) || !matches!(Log::default().find(&plain), Ok(None)) => {
+                Err("no offset and bytes of a hex dump".into())
+            }
+            None => Ok(Unit::NO_BYTES),
+        }
+    }
+
+    fn end(&mut self) -> Vec<u8> {
+        self.pass_last();
+        std::mem::take(&mut self.ready)
     }
 }
 

@@ -2,6 +2,7 @@
 
 use super::word::short_byte;
 use crate::decode::doubts::{Doubt, Place};
+use crate::decode::unit::{Bytes, Take, Unit};
 use crate::hex::Parser;
 
 /// Maximum number of bytes of a line that wait for its end: a line with a wrong word has no bytes.
@@ -33,10 +34,8 @@ impl Default for HexLines {
     }
 }
 
-type TakeDoubt<'a> = dyn FnMut(Place<'_>, Doubt) + 'a;
-
 impl HexLines {
-    pub(super) fn push(&mut self, piece: &[u8], take: &mut dyn FnMut(&[u8]), doubt: &mut TakeDoubt<'_>) {
+    pub(super) fn push(&mut self, piece: &[u8], take: &mut Take<'_>) {
         for part in piece.split_inclusive(|&byte| byte == b'\n') {
             let room = MAX_SHOWN.saturating_sub(self.beginning.len());
             self.beginning.extend(part.iter().take(room));
@@ -49,22 +48,18 @@ impl HexLines {
                     self.reject(wrong.word);
                 }
                 if self.bytes.len() >= MAX_KEPT {
-                    take(&self.bytes);
-                    self.bytes.clear();
+                    self.pass(take);
                 }
             }
             if part.ends_with(b"\n") {
-                self.end_line(take, doubt);
+                self.end_line(take);
                 self.number += 1;
             }
         }
     }
 
-    pub(super) fn finish(&mut self, take: &mut dyn FnMut(&[u8]), doubt: &mut TakeDoubt<'_>) {
-        self.end_line(take, doubt);
-    }
-
-    fn end_line(&mut self, take: &mut dyn FnMut(&[u8]), doubt: &mut TakeDoubt<'_>) {
+    /// Passes on what the line is. The bytes of a long one may be passed on before, in parts.
+    pub(super) fn end_line(&mut self, take: &mut Take<'_>) {
         if self.wrong.is_none()
             && let Err(wrong) = self.parser.finish()
         {
@@ -77,17 +72,28 @@ impl HexLines {
                 None => self.reject(wrong.word),
             }
         }
-        if let Some(word) = self.wrong.take() {
-            let text = String::from_utf8_lossy(&self.beginning);
-            let reason = format!("'{word}' is not a byte or bytes in hexadecimal");
-            doubt(
-                Place::Line(self.number, &text),
-                Doubt::new("no bytes in hexadecimal", reason),
-            );
+        match self.wrong.take() {
+            Some(word) => {
+                let text = String::from_utf8_lossy(&self.beginning);
+                let reason = format!("'{word}' is not a byte or bytes in hexadecimal");
+                let doubt = Doubt::new("no bytes in hexadecimal", reason);
+                take(Place::Line(self.number, &text), Err(doubt));
+            }
+            None if !self.bytes.is_empty() => self.pass(take),
+            // Nothing behind the last line.
+            None if self.beginning.is_empty() => {}
+            None => take(Place::Line(self.number, ""), Ok(Unit::Comment)),
         }
-        take(&self.bytes);
         self.bytes.clear();
         self.beginning.clear();
+    }
+
+    fn pass(&mut self, take: &mut Take<'_>) {
+        take(
+            Place::Line(self.number, ""),
+            Ok(Unit::Bytes(Bytes::new(&self.bytes[..]))),
+        );
+        self.bytes.clear();
     }
 
     /// Leaves out the line, which has this word.

@@ -8,6 +8,8 @@ use super::token::{Token, tokens};
 use super::{list, literal, run, table};
 use crate::args::Speaker;
 use crate::decode::doubts::Doubt;
+use crate::decode::lines::LineReader;
+use crate::decode::unit::{Bytes, Hint, Read, Unit};
 
 /// A log that is being read.
 #[derive(Default)]
@@ -21,6 +23,8 @@ pub(in super::super) struct Log {
     /// The column of bytes of a table.
     table: Option<table::Column>,
     habits: run::Habits,
+    /// The sender and the indentation of the line before, if it has bytes with a direction.
+    before: Option<(Speaker, usize)>,
 }
 
 /// A list over several lines.
@@ -44,11 +48,17 @@ impl Log {
         }
         if let Some(column) = table::Column::of(&line) {
             self.table = Some(column);
+            return Ok(None);
         } else if let Some(byte) = self.table.as_ref().and_then(|column| column.byte(&line)) {
             let from = direction(&tokens(&line), usize::MAX).map(|(_, from)| from);
             return Ok(Some(Found::new(from, vec![byte])));
         }
         let mut found = self.find_in_line(&line)?;
+        if let (None, Some(column)) = (&found, &self.table)
+            && column.is_row(&line)
+        {
+            return Err("no byte in the column of bytes".into());
+        }
         match &mut found {
             Some(found) if found.from.is_none() && found.is_alone => found.from = self.heading,
             Some(_) => self.heading = None,
@@ -95,6 +105,30 @@ impl Log {
         }
         let named = direction(&tokens, tokens.len()).map(|(_, from)| from);
         self.heading = named.filter(|_| line.contains(|character: char| character.is_ascii_digit()));
+    }
+}
+
+impl LineReader for Log {
+    fn line<'a>(&mut self, line: &'a str) -> Read<'a> {
+        let before = self.before.take();
+        let Some(found) = self.find(line)? else {
+            return Ok(Unit::NO_BYTES);
+        };
+        let indent = line.len() - line.trim_start().len();
+        let hint = match (found.from, before) {
+            (None, Some((from, first))) if found.is_alone => {
+                self.before = before;
+                match indent > first {
+                    true => Hint::From(from),
+                    false => Hint::Continued,
+                }
+            }
+            (from, _) => {
+                self.before = from.map(|from| (from, indent));
+                from.into()
+            }
+        };
+        Ok(Unit::Bytes(Bytes::of(hint, found.bytes)))
     }
 }
 

@@ -102,6 +102,11 @@ fn may_be_bytes(word: &Word<'_>) -> bool {
     has_digits || is_short
 }
 
+/// Returns true for a word of two characters with a digit: a byte with a mistake in it.
+fn is_wrong_byte(word: &str) -> bool {
+    word.chars().count() == 2 && word.contains(|character: char| character.is_ascii_digit())
+}
+
 impl Run<'_> {
     fn bytes(&self) -> Vec<u8> {
         self.words
@@ -130,9 +135,10 @@ impl Run<'_> {
         is_suffixed(last) != is_suffixed(word) || is_prefixed(word) && !is_prefixed(last)
     }
 
-    /// Returns true for an offset with a colon.
+    /// Returns true for an offset with a colon. Bytes that go on in the next line may end with a colon, too.
     fn is_offset(&self, next: Option<&Token<'_>>) -> bool {
-        matches!(self.words[..], [word] if word.text.len() >= MIN_OFFSET) && next == Some(&Token::Mark(':'))
+        let is_offset = |word: &Word<'_>| word.text.len() >= MIN_OFFSET && !word.text.contains([':', '-']);
+        matches!(&self.words[..], [word] if is_offset(word)) && next == Some(&Token::Mark(':'))
     }
 
     /// Returns true for the names of columns: D0, D1, D2.
@@ -313,8 +319,11 @@ pub(super) fn find(line: &str, tokens: &[Token<'_>], habits: &mut Habits) -> Res
         let has_column = cut_at_column(line, &mut run);
         let is_cut =
             !has_column && matches!(next, Some(Token::Word(word)) if run.words.len() < MIN_RUN || may_be_bytes(word));
-        if is_cut && run.words.len() >= MIN_RUN && (is_apart || is_named) {
-            let Some(Token::Word(word)) = next else { continue };
+        if let Some(Token::Word(word)) = next
+            && is_cut
+            && (is_apart || is_named)
+            && (run.words.len() >= MIN_RUN || run.words.len() > 1 && is_wrong_byte(word.text))
+        {
             let text = format!("'{}' is not a byte or bytes in hexadecimal", cut(word.text));
             return Err(Doubt::new("no bytes in hexadecimal", text));
         }

@@ -10,6 +10,8 @@ const MIN_COLUMNS: usize = 3;
 /// The column that has the bytes.
 pub(super) struct Column {
     index: usize,
+    /// Number of columns.
+    count: usize,
     /// Bytes are two digits without 0x.
     has_no_prefix: bool,
 }
@@ -32,7 +34,17 @@ impl Column {
             Some(index) => (index, false),
             None => (find(&|name| name.contains(DECODER))?, true),
         };
-        Some(Self { index, has_no_prefix })
+        let count = names.len();
+        Some(Self {
+            index,
+            count,
+            has_no_prefix,
+        })
+    }
+
+    /// Returns true if a line has as many columns.
+    pub(super) fn is_row(&self, line: &str) -> bool {
+        cells(line).count() == self.count
     }
 
     /// The byte in a line.

@@ -1,19 +1,21 @@
-//! Captures of Wireshark and tcpdump, pcap and pcapng, with frames of SocketCAN.
+//! Captures of Wireshark and tcpdump, pcap and pcapng.
+
+mod packet;
+mod usb;
 
 use std::io::{BufRead, Read};
 
-use armwire_bridge::Instant;
-use armwire_bridge::can::MAX_FD;
 use pcap_parser::nom::Err as Nom;
-use pcap_parser::traits::PcapNGPacketBlock;
 use pcap_parser::{
     Block, InterfaceDescriptionBlock, Linktype, PcapHeader, parse_block_be, parse_block_le, parse_pcap_frame,
     parse_pcap_frame_be, parse_pcap_header,
 };
 
-use super::{Doubt, Logged, Place, Record, Take, Time, frame};
-use crate::decode::input::Input;
+use super::doubts::{Doubt, Place};
+use super::input::Input;
+use super::unit::{Read as ReadUnit, Take, Unit};
 use crate::error::Error;
+use packet::{Link, packet, refusal};
 
 /// First bytes of files: pcap in either order of bytes, with microseconds or nanoseconds, and pcapng.
 pub(in crate::decode) const SIGNATURES: [&[u8]; 5] = [
@@ -24,13 +26,6 @@ pub(in crate::decode) const SIGNATURES: [&[u8]; 5] = [
     b"\x0A\x0D\x0D\x0A",
 ];
 
-/// The link type of SocketCAN, and the one of `any` interface: "Linux cooked" (<https://www.tcpdump.org/linktypes.html>).
-const SOCKETCAN: Linktype = Linktype(227);
-const COOKED: Linktype = Linktype(113);
-/// Size of the header of a cooked packet, and its protocols for classic frames and FD frames.
-const COOKED_HEADER: usize = 16;
-const COOKED_CAN: [[u8; 2]; 2] = [[0x00, 0x0C], [0x00, 0x0D]];
-
 /// Maximum size of a block, in bytes: more than that of a packet on any network.
 const MAX_BLOCK: usize = 70_000;
 /// Size of a packet's header in a pcap file.
@@ -38,7 +33,7 @@ const PACKET_HEADER: usize = 16;
 /// Number of bytes read at once, at most.
 const PIECE: usize = 8 * 1024;
 
-/// Passes each record of a capture to `take`.
+/// Passes each packet and block of a capture to `take`. A capture that has nothing to read is an error.
 pub(in crate::decode) fn read(input: &mut Input<'_>, take: &mut Take<'_>) -> Result<(), Error> {
     let mut buffer = Buffer {
         input,
@@ -53,26 +48,51 @@ pub(in crate::decode) fn read(input: &mut Input<'_>, take: &mut Take<'_>) -> Res
     });
     loop {
         let rest = buffer.rest();
-        let offset = buffer.offset;
-        let place = Place::Byte(offset);
+        let place = Place::Byte(buffer.offset);
         let parsed = match capture.kind {
             _ if !capture.may_be_block(rest) => Parsed::Damaged,
-            Kind::Pcapng => capture.pcapng_block(rest, place, take),
-            Kind::Pcap => capture.pcap_packet(rest, place, take),
+            Kind::Pcapng => capture.pcapng_block(rest),
+            Kind::Pcap => capture.pcap_packet(rest),
         };
-        match parsed {
-            Parsed::Block(len) => buffer.consume(len),
-            Parsed::Incomplete if rest.len() < MAX_BLOCK && buffer.fill()? => {}
-            Parsed::Incomplete if buffer.rest().is_empty() => return Ok(()),
-            Parsed::Incomplete | Parsed::Damaged => {
-                let goes_on = capture.skip_to_block(&mut buffer)?;
-                let is_cut = matches!(parsed, Parsed::Incomplete) && !goes_on;
-                take(place, Err(if is_cut { Doubt::cut() } else { "damaged block".into() }));
-                if !goes_on {
-                    return Ok(());
-                }
+        let is_full = rest.len() >= MAX_BLOCK;
+        let (block, is_damaged) = match parsed {
+            Parsed::Block(len, unit) => {
+                take(place, unit);
+                (Some(len), false)
+            }
+            Parsed::Incomplete => (None, false),
+            Parsed::Damaged => (None, true),
+        };
+        if let Some(len) = block {
+            buffer.consume(len);
+            match &capture.refused {
+                // All packets of a pcap file have one link type.
+                Some(reason) if matches!(capture.kind, Kind::Pcap) => return Err(buffer.input.refused(reason)),
+                _ => continue,
             }
         }
+        if !is_damaged && !is_full && buffer.fill()? {
+            continue;
+        }
+        if !is_damaged && buffer.rest().is_empty() {
+            break;
+        }
+        let goes_on = capture.skip_to_block(&mut buffer)?;
+        take(
+            place,
+            Err(if !is_damaged && !goes_on {
+                Doubt::cut()
+            } else {
+                "damaged block".into()
+            }),
+        );
+        if !goes_on {
+            break;
+        }
+    }
+    match capture.refused.filter(|_| !capture.is_read) {
+        Some(reason) => Err(buffer.input.refused(&reason)),
+        None => Ok(()),
     }
 }
 
@@ -108,14 +128,14 @@ impl Buffer<'_, '_> {
 }
 
 /// The result of parsing a block.
-enum Parsed {
-    /// A block of this length.
-    Block(usize),
+enum Parsed<'a> {
+    /// A block of this length, and what it is.
+    Block(usize, ReadUnit<'a>),
     Incomplete,
     Damaged,
 }
 
-impl Parsed {
+impl Parsed<'_> {
     fn failed<E>(error: &Nom<E>) -> Self {
         match error {
             Nom::Incomplete(_) => Self::Incomplete,
@@ -142,12 +162,16 @@ struct Capture {
     interfaces: Vec<Interface>,
     /// The time of the last packet of a pcap file, in seconds.
     seconds: Option<u32>,
+    /// There are packets of a link that is read.
+    is_read: bool,
+    /// The reason why the packets of another link are not read.
+    refused: Option<String>,
 }
 
 /// An interface of a pcapng file.
 struct Interface {
     name: String,
-    link: Linktype,
+    link: Link,
     /// Units of time in a second, and seconds before them.
     resolution: u64,
     offset: i64,
@@ -158,7 +182,7 @@ impl Interface {
         let name = block.if_name().and_then(Result::ok).map(str::to_owned);
         Self {
             name: name.unwrap_or_else(|| index.to_string()),
-            link: block.linktype,
+            link: Link::of(block.linktype),
             resolution: block
                 .ts_resolution()
                 .filter(|resolution| *resolution > 0)
@@ -183,6 +207,8 @@ impl Capture {
             is_big_endian: false,
             interfaces: Vec::new(),
             seconds: None,
+            is_read: false,
+            refused: None,
         }
     }
 
@@ -289,13 +315,22 @@ impl Capture {
         })
     }
 
+    /// Keeps whether packets of this link are read.
+    fn open(&mut self, link: Linktype) {
+        match refusal(link) {
+            None => self.is_read = true,
+            Some(reason) => self.refused = self.refused.take().or(Some(reason)),
+        }
+    }
+
     /// Parses a packet of a pcap file, or its header.
-    fn pcap_packet(&mut self, bytes: &[u8], place: Place<'_>, take: &mut Take<'_>) -> Parsed {
+    fn pcap_packet<'a>(&mut self, bytes: &'a [u8]) -> Parsed<'a> {
         let Some(header) = &self.header else {
             return match parse_pcap_header(bytes) {
                 Ok((rest, header)) => {
+                    self.open(header.network);
                     self.header = Some(header);
-                    Parsed::Block(bytes.len() - rest.len())
+                    Parsed::Block(bytes.len() - rest.len(), Ok(Unit::Comment))
                 }
                 Err(error) => Parsed::failed(&error),
             };
@@ -305,19 +340,19 @@ impl Capture {
             false => parse_pcap_frame,
         };
         match parse(bytes) {
-            Ok((rest, packet)) => {
-                self.seconds = Some(packet.ts_sec);
-                let unit = if header.is_nanosecond_precision() { 1 } else { 1_000 };
-                let nanos = u64::from(packet.ts_sec) * 1_000_000_000 + u64::from(packet.ts_usec) * unit;
-                take_packet(place, header.network, packet.data, nanos, "", take);
-                Parsed::Block(bytes.len() - rest.len())
+            Ok((rest, block)) => {
+                self.seconds = Some(block.ts_sec);
+                let scale = if header.is_nanosecond_precision() { 1 } else { 1_000 };
+                let nanos = u64::from(block.ts_sec) * 1_000_000_000 + u64::from(block.ts_usec) * scale;
+                let unit = packet(Link::of(header.network), block.data, header.is_bigendian(), nanos, "");
+                Parsed::Block(bytes.len() - rest.len(), unit)
             }
             Err(error) => Parsed::failed(&error),
         }
     }
 
     /// Parses a block of a pcapng file.
-    fn pcapng_block(&mut self, bytes: &[u8], place: Place<'_>, take: &mut Take<'_>) -> Parsed {
+    fn pcapng_block<'a>(&'a mut self, bytes: &'a [u8]) -> Parsed<'a> {
         let parse = match self.is_big_endian {
             true => parse_block_be,
             false => parse_block_le,
@@ -326,86 +361,39 @@ impl Capture {
             Ok(parsed) => parsed,
             Err(error) => return Parsed::failed(&error),
         };
-        match block {
+        let unit = match block {
             Block::SectionHeader(section) => {
                 self.is_big_endian = section.big_endian();
                 self.interfaces.clear();
+                Ok(Unit::Comment)
             }
             Block::InterfaceDescription(block) => {
+                self.open(block.linktype);
                 let interface = Interface::new(&block, self.interfaces.len());
                 self.interfaces.push(interface);
+                Ok(Unit::Comment)
             }
-            Block::EnhancedPacket(packet) => match self.interfaces.get(packet.if_id as usize) {
-                Some(interface) => {
-                    let nanos = interface.nanos(u64::from(packet.ts_high) << 32 | u64::from(packet.ts_low));
-                    take_packet(
-                        place,
-                        interface.link,
-                        packet.packet_data(),
-                        nanos,
-                        &interface.name,
-                        take,
-                    );
-                }
-                None => take(place, Err("packet of an unknown interface".into())),
-            },
-            Block::SimplePacket(packet) => match self.interfaces.first() {
-                Some(interface) => take_packet(place, interface.link, packet.packet_data(), 0, &interface.name, take),
-                None => take(place, Err("packet of an unknown interface".into())),
-            },
-            // Statistics and names.
-            _ => {}
-        }
-        Parsed::Block(bytes.len() - rest.len())
+            Block::EnhancedPacket(block) => {
+                let time = u64::from(block.ts_high) << 32 | u64::from(block.ts_low);
+                self.packet(block.if_id, Some(time), block.data, block.caplen)
+            }
+            Block::SimplePacket(block) => self.packet(0, None, block.data, block.origlen),
+            Block::InterfaceStatistics(_) | Block::NameResolution(_) | Block::DecryptionSecrets(_) => {
+                Ok(Unit::Other("blocks of statistics and names"))
+            }
+            _ => Ok(Unit::Other("other blocks")),
+        };
+        Parsed::Block(bytes.len() - rest.len(), unit)
     }
-}
 
-/// Passes a packet to `take`.
-fn take_packet(place: Place<'_>, link: Linktype, packet: &[u8], nanos: u64, bus: &str, take: &mut Take<'_>) {
-    let frame = match (link, packet.split_at_checked(COOKED_HEADER)) {
-        (SOCKETCAN, _) => socketcan(packet),
-        (COOKED, Some((header, frame))) if COOKED_CAN.iter().any(|can| header.ends_with(can)) => socketcan(frame),
-        // Of a network, or another bus.
-        _ => Ok(None),
-    };
-    let stamp = format!("{}.{:09}", nanos / 1_000_000_000, nanos % 1_000_000_000);
-    let record = frame.map(|frame| match frame {
-        Some(frame) => Record::Frame(Logged::whole(
-            Time::seconds(Instant::from_micros(nanos / 1_000), &stamp),
-            bus,
-            frame,
-        )),
-        None => Record::Other,
-    });
-    take(place, record);
-}
-
-/// The frame in a packet of SocketCAN: `None` for CAN XL, and inside as in [`Logged`].
-#[allow(clippy::option_option, reason = "the inner one is that of `Logged`")]
-fn socketcan(packet: &[u8]) -> Result<Option<Option<armwire_bridge::can::Frame>>, Doubt> {
-    /// Flags in the identifier.
-    const EXTENDED: u32 = 1 << 31;
-    const REMOTE: u32 = 1 << 30;
-    const ERROR: u32 = 1 << 29;
-    /// Flags in the byte after the length. In a CAN XL frame that of CAN XL is where the length is.
-    const FD: u8 = 4;
-    const XL: u8 = 0x80;
-
-    let Some((&[a, b, c, d, len, flags, _, _], data)) = packet.split_first_chunk() else {
-        return Err(Doubt::short(8, packet.len()));
-    };
-    if len & XL != 0 {
-        return Ok(None);
+    /// A packet of a pcapng file, whose data may have padding behind them.
+    fn packet<'a>(&'a self, interface: u32, time: Option<u64>, data: &'a [u8], len: u32) -> ReadUnit<'a> {
+        let interface = self
+            .interfaces
+            .get(interface as usize)
+            .ok_or("packet of an unknown interface")?;
+        let nanos = time.map_or(0, |time| interface.nanos(time));
+        let data = &data[..data.len().min(len as usize)];
+        packet(interface.link, data, self.is_big_endian, nanos, &interface.name)
     }
-    let id = u32::from_be_bytes([a, b, c, d]);
-    if id & (REMOTE | ERROR) != 0 {
-        return Ok(Some(None));
-    }
-    let len = usize::from(len);
-    let Some(data) = data.get(..len) else {
-        return Err(Doubt::short(len, data.len()));
-    };
-    // Older captures have no flag: a packet of an FD frame has room for its maximum.
-    let is_fd = flags & FD != 0 || packet.len() == 8 + MAX_FD;
-    frame(id & !EXTENDED, id & EXTENDED != 0, is_fd, data).map(Some)
 }
