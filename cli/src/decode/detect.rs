@@ -255,9 +255,10 @@ fn judge_line(line: &str, log: &mut logged::Log) -> Column {
         }
     }
     if are_bytes {
-        return match time::begins_with_time_or_bytes(line) {
-            true => Column::TimeOrBytes,
-            false => Column::Bytes,
+        return match time::behind_times(line) {
+            _ if time::begins_with_time_or_bytes(line) => Column::TimeOrBytes,
+            Some(_) => Column::Logged,
+            None => Column::Bytes,
         };
     }
     let words = || line.split([' ', '\t', ',', ';', '\r', '\n']);

@@ -224,7 +224,9 @@ impl Sides {
             (ArmKind::Alpha1, host),
             (ArmKind::Alpha1Servo, None),
         ];
-        others.into_iter().find(|(arm, from)| is_most(&counts(*arm, *from)))
+        let is_other = |(arm, from): &(ArmKind, Option<Speaker>)| *arm != self.line.arm || from.is_some();
+        let mut others = others.into_iter().filter(is_other);
+        others.find(|(arm, from)| is_most(&counts(*arm, *from)))
     }
 
     /// Offset and reason of the break of a lossless stream, after which nothing can be decoded.

@@ -5,7 +5,7 @@ use std::borrow::Cow;
 use super::direction::direction;
 use super::run::Found;
 use super::token::{Token, tokens};
-use super::{list, literal, run, table};
+use super::{list, literal, run, table, time};
 use crate::args::Speaker;
 use crate::decode::doubts::Doubt;
 use crate::decode::lines::LineReader;
@@ -36,33 +36,34 @@ impl Log {
     /// Takes the next line. Returns its bytes, if there are any. The error is the reason why they are not known.
     pub(in super::super) fn find(&mut self, line: &str) -> Result<Option<Found>, Doubt> {
         let line = with_plain_dashes(without_escapes(line));
+        let line = time::behind_times(&line).unwrap_or(&line);
         if line.trim().is_empty() {
             return Ok(None);
         }
         if let Some(open) = self.list.take()
-            && let Some(part) = list::part(&tokens(&without_comments(&line)))
+            && let Some(part) = list::part(&tokens(&without_comments(line)))
         {
             let found = (!part.bytes.is_empty()).then(|| Found::new(open.from, part.bytes));
             self.list = part.is_open.then_some(open);
             return Ok(found);
         }
-        if let Some(column) = table::Column::of(&line) {
+        if let Some(column) = table::Column::of(line) {
             self.table = Some(column);
             return Ok(None);
-        } else if let Some(byte) = self.table.as_ref().and_then(|column| column.byte(&line)) {
-            let from = direction(&tokens(&line), usize::MAX).map(|(_, from)| from);
+        } else if let Some(byte) = self.table.as_ref().and_then(|column| column.byte(line)) {
+            let from = direction(&tokens(line), usize::MAX).map(|(_, from)| from);
             return Ok(Some(Found::new(from, vec![byte])));
         }
-        let mut found = self.find_in_line(&line)?;
+        let mut found = self.find_in_line(line)?;
         if let (None, Some(column)) = (&found, &self.table)
-            && column.is_row(&line)
+            && column.is_row(line)
         {
             return Err("no byte in the column of bytes".into());
         }
         match &mut found {
             Some(found) if found.from.is_none() && found.is_alone => found.from = self.heading,
             Some(_) => self.heading = None,
-            None => self.read_heading(&line),
+            None => self.read_heading(line),
         }
         Ok(found)
     }

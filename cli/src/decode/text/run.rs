@@ -359,19 +359,25 @@ pub(super) fn find(line: &str, tokens: &[Token<'_>], habits: &mut Habits) -> Res
 /// Leaves out the words of a column of characters, and an offset that the column does not show. Returns true if there is
 /// a column.
 fn cut_at_column(line: &str, run: &mut Run<'_>) -> bool {
-    if let Some(count) = before_column(line, &run.words, run_bytes) {
-        run.words.truncate(count);
-        return true;
-    }
-    let Some(count) = run
-        .words
-        .get(1..)
-        .and_then(|words| before_column(line, words, run_bytes))
-    else {
+    let [first, rest @ ..] = &run.words[..] else {
         return false;
     };
-    run.words.truncate(1 + count);
-    run.words.remove(0);
+    let behind = before_column(line, rest, run_bytes);
+    let count = before_column(line, &run.words, run_bytes);
+    // Dots fit to any bytes: a longer word is an offset if it may be one.
+    let is_longer = rest.iter().all(|word| word.text.len() < first.text.len());
+    match (count, behind) {
+        (_, Some(count)) if is_longer && count > 0 => {
+            run.words.truncate(1 + count);
+            run.words.remove(0);
+        }
+        (Some(count), _) => run.words.truncate(count),
+        (None, Some(count)) => {
+            run.words.truncate(1 + count);
+            run.words.remove(0);
+        }
+        (None, None) => return false,
+    }
     true
 }
 

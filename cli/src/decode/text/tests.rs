@@ -325,7 +325,7 @@ fn ambiguous_text_is_refused_with_both_readings() {
             "may be an offset (--format dump) or bytes (--format hex)",
         ),
         (
-            "12:34:56 AA 06 00 01 FE 9A FF\n",
+            "12:34:56 AA:06:00:01:FE:9A:FF\n",
             "may be a time or a date (--format log) or bytes (--format hex)",
         ),
         (
@@ -787,4 +787,170 @@ fn files_of_other_programs_are_refused_by_name() {
             "{error:?}"
         );
     }
+}
+
+/// The sum of a text of a Ling arm, and whether all of its frames are messages.
+fn sum(text: &str, from: Option<Speaker>) -> (String, Vec<String>) {
+    let (mut lines, error) = printed(text.as_bytes(), None, ArmKind::Ling, from);
+    assert_eq!(error, None, "{text}");
+    (lines.pop().unwrap(), lines)
+}
+
+#[test]
+fn dates_and_times_before_bytes_are_no_bytes() {
+    for time in [
+        "2026-01-02 10:23:45",
+        "2026-01-02 10:23:45,12",
+        "2026-01-02 10:23:45.123456",
+        "2026-01-02 10:23:45:123",
+        "2026-01-02T10:23:45",
+        "2026-01-02T10:23:45Z",
+        "2026/01/02 10:23:45",
+        "26-01-02 10:23:45",
+        "02-01-2026 10:23:45",
+        "02.01.2026 10:23:45",
+        "2026-01-02",
+        "10:23:45",
+        "10:23:45,12",
+        "10:23:45:12",
+        "10:23",
+        "[2026-01-02 10:23:45]",
+    ] {
+        for first in ["AA 06", "aa06", "0xAA 0x06"] {
+            let text = format!("{time} {first} 00 01 FE 9A FF\n").repeat(2);
+            assert_eq!(sum(&text, None).0, "bytes: 14, frames: 2, noise bytes: 0", "{text}");
+        }
+        let text = format!("{time} RX 06 00 AA 06 00 01 FE 9A FF\n{time} TX AA:06:00:01:FE:9A:FF\n");
+        assert_eq!(sum(&text, None).0, "bytes: 16, frames: 2, noise bytes: 2", "{text}");
+    }
+}
+
+#[test]
+fn offset_behind_a_direction_is_no_byte() {
+    let text = include_str!("../../../tests/texts/pyserial-spy.log");
+    let (sum, lines) = sum(text, None);
+    assert_eq!(
+        sum, "bytes: 79, frames: 6, noise bytes: 0, lines without bytes: 2",
+        "{lines:?}"
+    );
+}
+
+#[test]
+fn bytes_that_go_on_in_the_next_line_are_joined() {
+    let esphome = include_str!("../../../tests/texts/esphome-wrapped.log");
+    assert_eq!(sum(esphome, None).0, "bytes: 79, frames: 6, noise bytes: 0");
+    // A terminal wraps a line without an indentation. The bytes of an idle line stand for themselves.
+    let wrapped = "RX: AA 06 00 0F 00 08 34 08 6C 07\n00 08 00 08 00 0A F4 01 10 90 FF\nAA 06 00 01 FE 9A FF\n";
+    let (sum, lines) = sum(wrapped, None);
+    assert_eq!(sum, "bytes: 28, frames: 2, noise bytes: 0");
+    assert!(lines[0].contains("from the arm: joints: "), "{lines:?}");
+    assert!(lines[1].ends_with("to the arm: read joints"), "{lines:?}");
+}
+
+/// What is said once of marks that are wrong.
+const CONTRADICTED: &str = "The marks of direction contradict the frames";
+
+#[test]
+fn marks_of_direction_are_hints() {
+    let arduino = include_str!("../../../tests/texts/arduino.log");
+    let (total, lines) = sum(arduino, None);
+    assert_eq!(total, "bytes: 58, frames: 3, noise bytes: 0");
+    let meanings = lines.iter().filter(|line| line.contains("from the arm: ")).count();
+    let remarks = lines.iter().filter(|line| line.starts_with(CONTRADICTED)).count();
+    assert_eq!((meanings, remarks), (3, 1), "{lines:?}");
+    // The option overrides the mark.
+    let (_, lines) = sum("RX: AA 06 00 01 FE 9A FF\n", Some(Speaker::Host));
+    assert!(
+        lines[0].ends_with("to the arm: read joints") && lines.len() == 1,
+        "{lines:?}"
+    );
+    let (sum, lines) = sum(arduino, Some(Speaker::Host));
+    assert_eq!(
+        sum, "bytes: 58, frames: 3, noise bytes: 0, frames without a message: 3",
+        "{lines:?}"
+    );
+}
+
+#[test]
+fn marks_that_the_frames_confirm_are_believed() {
+    for (arm, text) in [
+        (ArmKind::Ling, "-> AA 06 00 01 FE 9A FF\n<- AA 04 0E 01 01 96 FF\n"),
+        (ArmKind::Alpha1, "-> F2 2F 00 00 00 00 00 00 00 ED\n<- F2 2F AA ED\n"),
+        // An answer may be a request of as many bytes.
+        (
+            ArmKind::Xarm,
+            "-> 00 01 00 02 00 01 0D\n<- 00 01 00 02 00 05 0D 00 00 00 02\n",
+        ),
+    ] {
+        let (lines, error) = printed(text.as_bytes(), None, arm, None);
+        assert_eq!(error, None);
+        assert!(
+            lines[0].contains("to the arm: ") && lines[1].contains("from the arm: "),
+            "{lines:?}"
+        );
+        let (mut swapped, error) = printed(
+            text.replace("->", "→")
+                .replace("<-", "->")
+                .replace('→', "<-")
+                .as_bytes(),
+            None,
+            arm,
+            None,
+        );
+        assert_eq!(error, None);
+        let remark = swapped
+            .iter()
+            .position(|line| line.starts_with(CONTRADICTED))
+            .expect("a remark");
+        swapped.remove(remark);
+        let is_same = if arm == ArmKind::Xarm { 1 } else { lines.len() };
+        assert_eq!(swapped[..is_same], lines[..is_same]);
+    }
+}
+
+#[test]
+fn wrong_arm_is_named_behind_the_sum() {
+    for (arm, text, line) in [
+        (
+            ArmKind::Alpha1,
+            "TX: AA 06 00 01 FE 9A FF\n",
+            "These are frames of a Ling arm: --arm ling",
+        ),
+        (
+            ArmKind::Xarm,
+            "AA 06 00 01 FE 9A FF\n",
+            "These are frames of a Ling arm: --arm ling",
+        ),
+        (
+            ArmKind::Ling,
+            "F2 2F AA ED\nF2 2F AA ED\n",
+            "These are frames of an Alpha1: --arm alpha1",
+        ),
+        (
+            ArmKind::Ling,
+            "F2 2F 00 00 00 00 00 00 00 ED\n",
+            "These are frames of an Alpha1: --arm alpha1 --from host",
+        ),
+        (
+            ArmKind::Ling,
+            "00 01 00 02 00 05 0D 00 00 00 02\n",
+            "These are frames of an xArm: --arm xarm",
+        ),
+    ] {
+        let (lines, _) = printed(text.as_bytes(), None, arm, None);
+        assert_eq!(lines.last().unwrap(), line, "{lines:?}");
+    }
+    // Noise is of no arm.
+    let (lines, _) = printed(&[0x81; 3000], None, ArmKind::Ling, None);
+    assert_eq!(lines.last().unwrap(), "bytes: 3000, frames: 0, noise bytes: 3000");
+}
+
+#[test]
+fn row_of_a_table_without_its_byte_is_counted() {
+    let text = "Time [s],Value,Parity Error,Framing Error\n0.1,0xAA,,\n0.2,A,,\n0.3,\\r,,\n0.4,0x06,,\n";
+    let (sum, lines) = sum(text, None);
+    assert!(
+        sum.ends_with("lines without bytes: 1, not understood: 2 (no byte in the column of bytes: 2)"),
+        "{sum} {lines:?}"
+    );
 }

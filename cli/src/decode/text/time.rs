@@ -1,18 +1,67 @@
-//! Times and dates that may be bytes as well.
+//! Times and dates before bytes, which may look like bytes.
 
-/// Returns true if the first word of a line may be a time of day or a date as well as bytes, with others behind it.
-pub(in super::super) fn begins_with_time_or_bytes(line: &str) -> bool {
-    let mut words = line.split_whitespace();
-    words.next().is_some_and(is_time) && words.next().is_some()
+/// The line behind a date, a time, or both, if anything is behind them.
+pub(in super::super) fn behind_times(line: &str) -> Option<&str> {
+    let (first, rest) = split_word(line);
+    if !is_time(first) {
+        return None;
+    }
+    let (second, behind) = split_word(rest);
+    let rest = if is_date(first) && is_clock(second) {
+        behind
+    } else {
+        rest
+    };
+    (!rest.trim().is_empty()).then_some(rest)
 }
 
-/// Returns true for `12:34:56` and `24-01-31`.
+/// Returns true if the first word of a line is a time or a date as well as bytes in the form of the words behind it.
+pub(in super::super) fn begins_with_time_or_bytes(line: &str) -> bool {
+    let (first, _) = split_word(line);
+    let mark = if is_clock(first) { ':' } else { '-' };
+    let has_year = first.split(mark).any(|part| part.len() > 2);
+    !has_year && behind_times(line).is_some_and(|rest| rest.contains(mark))
+}
+
+fn split_word(text: &str) -> (&str, &str) {
+    let text = text.trim_start();
+    text.split_at(text.find(char::is_whitespace).unwrap_or(text.len()))
+}
+
+/// Returns true for a date or a time, or both with a T between them.
 pub(super) fn is_time(word: &str) -> bool {
-    let parts = |mark| {
-        let parts: Vec<_> = word.split(mark).filter_map(|part| part.parse::<u8>().ok()).collect();
-        let is_all = word.len() == 8 && word.split(mark).all(|part| part.len() == 2);
-        is_all.then_some(parts).filter(|parts| parts.len() == 3)
-    };
-    parts(':').is_some_and(|time| time[0] < 24 && time[1] < 60 && time[2] < 61)
-        || parts('-').is_some_and(|date| (1..=12).contains(&date[1]) && (1..=31).contains(&date[2]))
+    let both = word.split_once('T');
+    is_clock(word) || is_date(word) || both.is_some_and(|(date, clock)| is_date(date) && is_clock(clock))
+}
+
+/// Returns true for `12:34`, `12:34:56`, and a fraction of a second behind it, such as `12:34:56.789Z`.
+fn is_clock(word: &str) -> bool {
+    let word = word.trim_end_matches(['Z', ',']);
+    let mut parts = word.splitn(3, ':');
+    let (hour, minute) = (number(parts.next(), 1..=2), number(parts.next(), 2..=2));
+    let mut seconds = parts.next().unwrap_or("00").splitn(2, [':', '.', ',']);
+    let second = number(seconds.next(), 2..=2);
+    let fraction = seconds.next().map_or(Some(0), |fraction| number(Some(fraction), 1..=9));
+    let is_below = |part: Option<u32>, end| part.is_some_and(|part| part < end);
+    is_below(hour, 24) && is_below(minute, 60) && is_below(second, 61) && fraction.is_some()
+}
+
+/// Returns true for `2024-01-31`, `24-01-31`, `31-01-2024` and the like, with dashes, dots or slashes.
+fn is_date(word: &str) -> bool {
+    const YEARS: std::ops::Range<u32> = 1970..2100;
+    ['-', '/', '.'].into_iter().any(|mark| {
+        let parts: Vec<_> = word.split(mark).collect();
+        let [first, middle, last] = parts[..] else { return false };
+        let day = |part| number(Some(part), 2..=2).is_some_and(|part| (1..=31).contains(&part));
+        let year = |part| number(Some(part), 4..=4).is_some_and(|year| YEARS.contains(&year));
+        let month = || day(middle) && number(Some(middle), 2..=2) <= Some(12);
+        let is_short = number(Some(first), 2..=2).is_some() && month() && day(last);
+        is_short || year(first) && month() && day(last) || day(first) && day(middle) && year(last)
+    })
+}
+
+/// A decimal number with so many digits.
+fn number(text: Option<&str>, digits: std::ops::RangeInclusive<usize>) -> Option<u32> {
+    let text = text.filter(|text| digits.contains(&text.len()) && text.bytes().all(|digit| digit.is_ascii_digit()))?;
+    text.parse().ok()
 }
