@@ -26,25 +26,62 @@ const BEGINNINGS: [(&str, Format); 7] = [
 /// First bytes of an MCAP file.
 const MCAP: &[u8] = b"\x89MCAP0\r\n";
 /// First bytes of files that are not read, with the reason.
-const REFUSED: [(&[u8], &str); 10] = [
+const REFUSED: [(&[u8], &str); 22] = [
     (
         b"SQLite format 3\0",
         "an SQLite database: 'python -m can.logconvert FILE OUT.log' converts that of python-can, 'ros2 bag convert' that \
          of ROS 2",
     ),
-    (
-        b"MDF     ",
-        "an ASAM MDF file: 'python -m can.logconvert FILE OUT.log' of python-can converts MF4",
-    ),
+    (b"MDF     ", MDF),
+    (b"UnFinMF ", MDF),
     (b"#ROSBAG V2.0\n", "a bag of ROS 1: 'rosbags-convert' converts it"),
+    (
+        b"PAR1",
+        "a Parquet file, as of a LeRobot data set: tools/lerobot_to_mcap.py of the repository converts one to MCAP",
+    ),
+    (
+        b"btsnoop\0",
+        "a Bluetooth HCI log (btsnoop): 'tshark -r FILE -Y btspp -T fields -e btspp.data' prints the bytes of a serial port",
+    ),
+    (
+        b"<SALEAE>",
+        "a binary export of Saleae Logic: export the table of the serial analyser as CSV",
+    ),
+    (b"snoop\0\0\0", NETWORK),
+    (b"GMBU", NETWORK),
+    (
+        b"\x89HDF\r\n\x1A\n",
+        "an HDF5 file: export its bytes as text, or as they are",
+    ),
+    (
+        b"\x93NUMPY",
+        "an array of NumPy: 'array.tofile(\"OUT\")' writes its bytes as they are",
+    ),
+    (
+        b"ARROW1",
+        "a file of Apache Arrow: export its bytes as text, or as they are",
+    ),
+    (
+        b"\xD0\xCF\x11\xE0",
+        "a document of an older Office: save the table as CSV",
+    ),
     (b"\xFD7zXZ\0", "compressed by xz: decompress it by 'xz -d'"),
     (b"BZh", "compressed by bzip2: decompress it by 'bzip2 -d'"),
     (b"\x04\x22\x4D\x18", "compressed by lz4: decompress it by 'lz4 -d'"),
-    (b"PK\x03\x04", "a ZIP archive: unpack it"),
+    (
+        b"PK\x03\x04",
+        "a ZIP archive: unpack it; of a capture of Saleae Logic (.sal) or sigrok (.sr), export the bytes of the serial \
+         decoder as CSV or text; of a spreadsheet, save the table as CSV",
+    ),
     (b"7z\xBC\xAF\x27\x1C", "a 7z archive: unpack it"),
+    (b"Rar!\x1A\x07", "a RAR archive: unpack it"),
     (b"{\\rtf1", "rich text: save it as plain text"),
     (b"%PDF-", "a PDF file: copy the text"),
+    (b"\x89PNG\r\n", "a picture: copy the text"),
 ];
+const NETWORK: &str = "a capture of a network: 'tshark -X lua_script:tools/wireshark/armwire.lua -r FILE' shows an xArm's \
+                       frames in it";
+const MDF: &str = "an ASAM MDF file: 'python -m can.logconvert FILE OUT.log' of python-can converts MF4";
 
 /// Detects the format. Reads as much as needed.
 pub(super) fn detect(head: &mut Head<'_>) -> Result<Format, Error> {

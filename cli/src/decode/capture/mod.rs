@@ -1,6 +1,8 @@
 //! Captures of Wireshark and tcpdump, pcap and pcapng.
 
 mod packet;
+#[cfg(test)]
+mod tests;
 mod usb;
 
 use std::io::{BufRead, Read};
@@ -15,7 +17,7 @@ use super::doubts::{Doubt, Place};
 use super::input::Input;
 use super::unit::{Read as ReadUnit, Take, Unit};
 use crate::error::Error;
-use packet::{Link, packet, refusal};
+use packet::{Link, NETWORK, UNKNOWN, packet, refusal};
 
 /// First bytes of files: pcap in either order of bytes, with microseconds or nanoseconds, and pcapng.
 pub(in crate::decode) const SIGNATURES: [&[u8]; 5] = [
@@ -30,6 +32,8 @@ pub(in crate::decode) const SIGNATURES: [&[u8]; 5] = [
 const MAX_BLOCK: usize = 70_000;
 /// Size of a packet's header in a pcap file.
 const PACKET_HEADER: usize = 16;
+/// Blocks of a pcapng file without a packet, other than its structure.
+const OTHER_BLOCKS: &str = "other blocks";
 /// Number of bytes read at once, at most.
 const PIECE: usize = 8 * 1024;
 
@@ -46,6 +50,7 @@ pub(in crate::decode) fn read(input: &mut Input<'_>, take: &mut Take<'_>) -> Res
         true => Kind::Pcapng,
         false => Kind::Pcap,
     });
+    let mut is_read = false;
     loop {
         let rest = buffer.rest();
         let place = Place::Byte(buffer.offset);
@@ -55,22 +60,24 @@ pub(in crate::decode) fn read(input: &mut Input<'_>, take: &mut Take<'_>) -> Res
             Kind::Pcap => capture.pcap_packet(rest),
         };
         let is_full = rest.len() >= MAX_BLOCK;
-        let (block, is_damaged) = match parsed {
+        let is_damaged = match parsed {
             Parsed::Block(len, unit) => {
+                let (is_structure, is_network) = (unit == Ok(Unit::Comment), unit == Ok(Unit::Other(NETWORK)));
+                is_read |= !matches!(unit, Ok(Unit::Comment | Unit::Other(NETWORK | UNKNOWN | OTHER_BLOCKS)));
                 take(place, unit);
-                (Some(len), false)
+                buffer.consume(len);
+                if is_network {
+                    capture.refuse(packet::NO_NETWORK.to_owned());
+                }
+                // The header of a pcap file has the link type of all packets.
+                if is_structure && matches!(capture.kind, Kind::Pcap) && capture.refused.is_some() {
+                    break;
+                }
+                continue;
             }
-            Parsed::Incomplete => (None, false),
-            Parsed::Damaged => (None, true),
+            Parsed::Incomplete => false,
+            Parsed::Damaged => true,
         };
-        if let Some(len) = block {
-            buffer.consume(len);
-            match &capture.refused {
-                // All packets of a pcap file have one link type.
-                Some(reason) if matches!(capture.kind, Kind::Pcap) => return Err(buffer.input.refused(reason)),
-                _ => continue,
-            }
-        }
         if !is_damaged && !is_full && buffer.fill()? {
             continue;
         }
@@ -78,19 +85,13 @@ pub(in crate::decode) fn read(input: &mut Input<'_>, take: &mut Take<'_>) -> Res
             break;
         }
         let goes_on = capture.skip_to_block(&mut buffer)?;
-        take(
-            place,
-            Err(if !is_damaged && !goes_on {
-                Doubt::cut()
-            } else {
-                "damaged block".into()
-            }),
-        );
+        let is_cut = !is_damaged && !goes_on;
+        take(place, Err(if is_cut { Doubt::cut() } else { "damaged block".into() }));
         if !goes_on {
             break;
         }
     }
-    match capture.refused.filter(|_| !capture.is_read) {
+    match capture.refused.filter(|_| !is_read) {
         Some(reason) => Err(buffer.input.refused(&reason)),
         None => Ok(()),
     }
@@ -162,8 +163,6 @@ struct Capture {
     interfaces: Vec<Interface>,
     /// The time of the last packet of a pcap file, in seconds.
     seconds: Option<u32>,
-    /// There are packets of a link that is read.
-    is_read: bool,
     /// The reason why the packets of another link are not read.
     refused: Option<String>,
 }
@@ -207,7 +206,6 @@ impl Capture {
             is_big_endian: false,
             interfaces: Vec::new(),
             seconds: None,
-            is_read: false,
             refused: None,
         }
     }
@@ -315,12 +313,16 @@ impl Capture {
         })
     }
 
-    /// Keeps whether packets of this link are read.
+    /// Keeps the reason why packets of this link are not read.
     fn open(&mut self, link: Linktype) {
-        match refusal(link) {
-            None => self.is_read = true,
-            Some(reason) => self.refused = self.refused.take().or(Some(reason)),
+        if let Some(reason) = refusal(link) {
+            self.refuse(reason);
         }
+    }
+
+    /// Keeps the first reason why packets are not read.
+    fn refuse(&mut self, reason: String) {
+        self.refused.get_or_insert(reason);
     }
 
     /// Parses a packet of a pcap file, or its header.
@@ -378,10 +380,8 @@ impl Capture {
                 self.packet(block.if_id, Some(time), block.data, block.caplen)
             }
             Block::SimplePacket(block) => self.packet(0, None, block.data, block.origlen),
-            Block::InterfaceStatistics(_) | Block::NameResolution(_) | Block::DecryptionSecrets(_) => {
-                Ok(Unit::Other("blocks of statistics and names"))
-            }
-            _ => Ok(Unit::Other("other blocks")),
+            Block::InterfaceStatistics(_) | Block::NameResolution(_) => Ok(Unit::Comment),
+            _ => Ok(Unit::Other(OTHER_BLOCKS)),
         };
         Parsed::Block(bytes.len() - rest.len(), unit)
     }

@@ -34,6 +34,9 @@ const NETWORKS: [Linktype; 12] = [
     Linktype(229),
     Linktype(276),
 ];
+/// The kinds of packets that are not read.
+pub(super) const NETWORK: &str = "packets of a network";
+pub(super) const UNKNOWN: &str = "packets of unknown links";
 /// USB of macOS.
 const USB_DARWIN: Linktype = Linktype(266);
 
@@ -70,7 +73,7 @@ impl Link {
 /// The reason why no packet of this link type is read, with the way to read them; `None` if some are.
 pub(super) fn refusal(link: Linktype) -> Option<String> {
     match Link::of(link) {
-        Link::Network => Some(NETWORK.to_owned()),
+        Link::Network => Some(NO_NETWORK.to_owned()),
         Link::Unknown if link == USB_DARWIN => Some(
             "a capture of USB by macOS (link type 266), which is not read: capture it on Linux or Windows".to_owned(),
         ),
@@ -83,7 +86,7 @@ pub(super) fn refusal(link: Linktype) -> Option<String> {
 }
 
 /// The reason why packets of a network are not read.
-pub(super) const NETWORK: &str = "a capture of a network, such as Ethernet: 'tshark -X lua_script:tools/wireshark/armwire.lua \
+pub(super) const NO_NETWORK: &str = "a capture of a network, such as Ethernet: 'tshark -X lua_script:tools/wireshark/armwire.lua \
                                   -r FILE' shows an xArm's frames in it";
 
 /// What a packet is. The time is in nanoseconds.
@@ -95,8 +98,8 @@ pub(super) fn packet<'a>(link: Link, packet: &'a [u8], is_big_endian: bool, nano
         }
         (Link::Usb(form), _) => usb::packet(form, packet, is_big_endian, nanos),
         (Link::Frames(protocol), _) => recorded(protocol, packet, nanos),
-        (Link::Network | Link::Cooked, _) => Ok(Unit::Other("packets of a network")),
-        (Link::Unknown, _) => Ok(Unit::Other("packets of unknown links")),
+        (Link::Network | Link::Cooked, _) => Ok(Unit::Other(NETWORK)),
+        (Link::Unknown, _) => Ok(Unit::Other(UNKNOWN)),
     }
 }
 

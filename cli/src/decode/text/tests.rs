@@ -777,6 +777,14 @@ fn files_of_other_programs_are_refused_by_name() {
         (b"BZh91AY&SY", "compressed by bzip2: "),
         (b"\x04\x22\x4D\x18\x64", "compressed by lz4: "),
         (b"PK\x03\x04\x14\0", "a ZIP archive: "),
+        (b"UnFinMF 4.10    ", "an ASAM MDF file: "),
+        (
+            b"PAR1\x15\x04\x15",
+            "a Parquet file, as of a LeRobot data set: tools/lerobot_to_mcap.py ",
+        ),
+        (b"btsnoop\0\0\0\0\x01", "a Bluetooth HCI log (btsnoop): 'tshark "),
+        (b"<SALEAE>\0\0\0\0", "a binary export of Saleae Logic: "),
+        (b"\x93NUMPY\x01\0", "an array of NumPy: "),
     ] {
         let (lines, error) = printed(beginning, None, ArmKind::Ling, None);
         assert!(lines.is_empty());
