@@ -1,6 +1,7 @@
 //! Recordings and logs, decoded whole and in pieces.
 
 mod files;
+mod units;
 
 use std::fmt;
 use std::io::{self, Write};

@@ -15,7 +15,7 @@ use crate::decode::input::Head;
 use crate::decode::output::Entries;
 
 /// The files of a folder, with their names.
-fn files(folder: &str) -> Vec<(String, Vec<u8>)> {
+pub(super) fn files(folder: &str) -> Vec<(String, Vec<u8>)> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests").join(folder);
     let mut files: Vec<_> = fs::read_dir(folder)
         .unwrap()
@@ -32,7 +32,7 @@ fn files(folder: &str) -> Vec<(String, Vec<u8>)> {
 }
 
 /// The arm of a file.
-fn arm(name: &str) -> ArmKind {
+pub(super) fn arm(name: &str) -> ArmKind {
     match name.starts_with("servo-bus") {
         true => ArmKind::Alpha1Servo,
         false => ArmKind::Ling,
@@ -104,7 +104,7 @@ fn memory_does_not_grow_with_a_text() {
 
 /// A change of a file.
 #[derive(Clone, Debug)]
-enum Mutation {
+pub(super) enum Mutation {
     Set(Index, u8),
     Insert(Index, Vec<u8>),
     Remove(Index, usize),
@@ -113,7 +113,7 @@ enum Mutation {
 }
 
 impl Mutation {
-    fn apply(&self, file: &mut Vec<u8>) {
+    pub(super) fn apply(&self, file: &mut Vec<u8>) {
         if file.is_empty() {
             return;
         }
@@ -132,7 +132,7 @@ impl Mutation {
     }
 }
 
-fn mutation() -> impl Strategy<Value = Mutation> {
+pub(super) fn mutation() -> impl Strategy<Value = Mutation> {
     let at = any::<Index>;
     prop_oneof![
         4 => (at(), any::<u8>()).prop_map(|(at, byte)| Mutation::Set(at, byte)),
