@@ -57,39 +57,40 @@ impl<'a> Account<'a> {
 
     /// Takes the next unit.
     pub(super) fn take(&mut self, place: Place<'_>, read: Read<'_>) {
-        let taken = read.and_then(|unit| self.take_unit(place, unit));
-        if let Err(doubt) = taken {
+        let taken = match &read {
+            Ok(unit) => self.take_unit(place, unit),
+            Err(_) => Ok(()),
+        };
+        if let Some(doubt) = read.err().or(taken.err()) {
             self.doubts.add(place, &doubt, self.out);
         }
     }
 
-    fn take_unit(&mut self, place: Place<'_>, unit: Unit<'_>) -> Result<(), Doubt> {
+    /// Takes a unit that its reader understood. The error is the reason why its data are not.
+    fn take_unit(&mut self, place: Place<'_>, unit: &Unit<'_>) -> Result<(), Doubt> {
         match unit {
-            Unit::Can(logged) => self.buses.take(logged, self.out)?,
+            Unit::Can(logged) => {
+                self.buses.take(logged, self.out)?;
+                self.data += 1;
+            }
             Unit::Bytes(bytes) => {
                 if let Some(doubt) = &bytes.gap {
                     self.doubts.add(place, doubt, self.out);
                 }
                 self.sides.take(bytes, self.out);
+                self.data += 1;
             }
-            Unit::Frame(frame) => self.frames.take(&frame, self.out),
-            Unit::Comment => {
-                self.comments += 1;
-                return Ok(());
+            Unit::Frame(frame) => {
+                self.frames.take(frame, self.out);
+                self.data += 1;
             }
-            Unit::Other(kind) => {
-                match self.others.iter_mut().find(|(there, _)| *there == kind) {
-                    Some((_, count)) => *count += 1,
-                    None => self.others.push((kind, 1)),
-                }
-                return Ok(());
-            }
-            Unit::Dropped(frames) => {
-                self.dropped = self.dropped.saturating_add(frames);
-                return Ok(());
-            }
+            Unit::Comment => self.comments += 1,
+            Unit::Other(kind) => match self.others.iter_mut().find(|(there, _)| there == kind) {
+                Some((_, count)) => *count += 1,
+                None => self.others.push((kind, 1)),
+            },
+            Unit::Dropped(frames) => self.dropped = self.dropped.saturating_add(*frames),
         }
-        self.data += 1;
         Ok(())
     }
 

@@ -72,7 +72,7 @@ impl Buses {
     }
 
     /// Takes the next frame of the log. The error is the reason why it is not understood.
-    pub(super) fn take(&mut self, logged: Logged<'_>, out: &dyn Output) -> Result<(), Doubt> {
+    pub(super) fn take(&mut self, logged: &Logged<'_>, out: &dyn Output) -> Result<(), Doubt> {
         self.counts.frames += 1;
         let ours = logged.frame.and_then(|frame| Some((frame, Function::of(frame.id())?)));
         let Some((frame, (function, node))) = ours else {

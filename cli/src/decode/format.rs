@@ -25,7 +25,7 @@ pub(crate) enum Format {
     Gvret,
     /// Text of python-can, as in its logs of the type TXT.
     Printer,
-    /// A capture of Wireshark or tcpdump, pcap or pcapng, with CAN frames.
+    /// A capture of Wireshark or tcpdump, pcap or pcapng, of CAN or USB, or of 'armwire decode --pcapng'.
     Pcap,
     /// A recording of 'armwire monitor --mcap'.
     Mcap,

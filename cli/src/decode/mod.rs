@@ -55,8 +55,9 @@ use unit::{Bytes, Take, Unit};
 #[derive(Args)]
 pub(crate) struct Decode {
     /// Recording, or - for standard input: an MCAP file of 'armwire monitor'; the bytes of a line, raw, in hexadecimal, as
-    /// a hex dump, or in a program's log; or a log of a CAN bus from candump, Vector (ASC, BLF), PEAK (TRC), python-can
-    /// (CSV, TXT), SavvyCAN (GVRET CSV), or Wireshark (pcap, pcapng). It may be compressed by gzip or zstd.
+    /// a hex dump, or in a program's log; a log of a CAN bus from candump, Vector (ASC, BLF), PEAK (TRC), python-can (CSV,
+    /// TXT) or SavvyCAN (GVRET CSV); or a capture of CAN or USB from Wireshark (pcap, pcapng). It may be compressed by gzip
+    /// or zstd.
     #[arg(default_value = "-")]
     file: PathBuf,
     /// Format of the recording. By default it is detected from the first bytes.
@@ -65,14 +66,15 @@ pub(crate) struct Decode {
     /// Kind of arm. MCAP recordings contain it.
     #[arg(long, value_enum, default_value_t)]
     arm: ArmKind,
-    /// Sender of the bytes. MCAP recordings, Ling frames and alpha1-servo identify it; frames of xarm and alpha1 are taken
-    /// as the arm's. A servo's answers are shown as bytes there: their meaning depends on the request.
+    /// Sender of all bytes, whatever marks of direction the recording has. Without it the marks are hints, and frames
+    /// decide; Ling frames, MCAP recordings and alpha1-servo identify the sender; frames of xarm and alpha1 without a mark
+    /// are taken as the arm's. A servo's answers are shown as bytes there: their meaning depends on the request.
     #[arg(long, value_enum, value_name = "WHO")]
     from: Option<Speaker>,
     /// Sender of the bytes that a log calls TX, sent or written: arm if its program runs on the arm's side.
     #[arg(long, value_enum, value_name = "WHO", default_value = "host")]
     tx: Speaker,
-    /// Exit with status 3 if a part of the recording was not understood.
+    /// Exit with status 3 if a part of the recording was not understood, was noise or was cut, or if there is no frame.
     #[arg(long)]
     strict: bool,
     /// Write frames and stray bytes to this pcapng file for Wireshark; - is standard output. Only the summary is printed.

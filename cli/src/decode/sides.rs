@@ -50,6 +50,8 @@ pub(super) struct Sides {
     /// The sender of the last bytes with a mark.
     last: Option<Speaker>,
     is_contradicted: bool,
+    /// A stream without losses broke.
+    is_broken: bool,
     /// The first bytes, and the senders of their parts by the marks, each with its length.
     beginning: Vec<u8>,
     senders: Vec<(Option<Speaker>, usize)>,
@@ -88,31 +90,29 @@ impl Sides {
             devices: BTreeMap::new(),
             last: None,
             is_contradicted: false,
+            is_broken: false,
             beginning: Vec::new(),
             senders: Vec::new(),
         }
     }
 
     /// Takes the next bytes, in pieces of any size. A broken stream ends.
-    pub(super) fn take(
-        &mut self,
-        Bytes {
+    pub(super) fn take(&mut self, bytes: &Bytes<'_>, out: &dyn Output) {
+        let Bytes {
             hint, bytes, transfer, ..
-        }: Bytes<'_>,
-        out: &dyn Output,
-    ) {
-        if self.broken().is_some() {
+        } = bytes;
+        if self.is_broken {
             return;
         }
-        let from = self.marked(hint);
-        self.keep(from, &bytes);
+        let from = self.marked(*hint);
+        self.keep(from, bytes);
         let line = self.line;
         let device = self.devices.entry(transfer.as_ref().map(|transfer| transfer.device));
         let device = device.or_insert_with(|| Device {
             held: transfer.is_some().then(Held::default),
             streams: BTreeMap::new(),
         });
-        let (endpoint, at) = match &transfer {
+        let (endpoint, at) = match transfer {
             Some(Transfer {
                 endpoint, place, nanos, ..
             }) => (*endpoint, At { place, nanos: *nanos }),
@@ -121,9 +121,10 @@ impl Sides {
         let stream = device.streams.entry((endpoint, Side::of(from)));
         let stream = stream.or_insert_with(|| recording(line, from));
         match &device.held {
-            None => stream.push(&bytes, at, out),
-            Some(held) => stream.push(&bytes, at, held),
+            None => stream.push(bytes, at, out),
+            Some(held) => stream.push(bytes, at, held),
         }
+        self.is_broken = stream.broken().is_some();
         let is_contradicted = !self.is_contradicted && stream.is_contradicted();
         let has_frames = device.held.is_some() && stream.has_frames();
         if let Some(held) = device.held.take_if(|_| has_frames) {
@@ -204,7 +205,7 @@ impl Sides {
                     Some(named) => Hint::From(self.line.sender(*named)),
                     None => Hint::None,
                 };
-                sides.take(Bytes::of(hint, bytes), &Nowhere);
+                sides.take(&Bytes::of(hint, bytes), &Nowhere);
             }
             sides.finish(&Nowhere)
         };

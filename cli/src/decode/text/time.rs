@@ -30,6 +30,11 @@ fn split_word(text: &str) -> (&str, &str) {
 
 /// Returns true for a date or a time, or both with a T between them.
 pub(super) fn is_time(word: &str) -> bool {
+    /// The shortest time is `1:02`.
+    const MIN_LEN: usize = 4;
+    if word.len() < MIN_LEN || !word.starts_with(|first: char| first.is_ascii_digit()) {
+        return false;
+    }
     let both = word.split_once('T');
     is_clock(word) || is_date(word) || both.is_some_and(|(date, clock)| is_date(date) && is_clock(clock))
 }
