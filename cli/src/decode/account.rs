@@ -163,10 +163,10 @@ impl<'a> Account<'a> {
         let format = format.as_ref().map_or("", |value| value.get_name());
         match (units, beginning) {
             (0, _) => format!("no frame of {arm}: the input is empty"),
-            (_, []) => format!("no frame of {arm}: the input was read as '{format}'"),
+            (_, []) => format!("no frame of {arm}: the input was read as the format '{format}'"),
             _ => {
                 let beginning = hex::show(beginning);
-                format!("no frame of {arm}: the input looks like '{format}', and begins with {beginning}")
+                format!("no frame of {arm}: the input looks like the format '{format}', and begins with {beginning}")
             }
         }
     }

@@ -287,7 +287,7 @@ fn strict_refuses_whatever_is_no_frame() {
         ),
         (
             b"(1.0) can0 123#00\n".to_vec(),
-            Some("no frame of a Ling arm: the input looks like 'candump'"),
+            Some("no frame of a Ling arm: the input looks like the format 'candump'"),
         ),
         (
             b"(1.0) can0 60F#07AA060001FE9AFF\n(2.0) can0 60F#07AA060001FE9BFF\n".to_vec(),

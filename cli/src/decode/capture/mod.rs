@@ -62,7 +62,8 @@ pub(in crate::decode) fn read(input: &mut Input<'_>, take: &mut Take<'_>) -> Res
         let is_full = rest.len() >= MAX_BLOCK;
         let is_damaged = match parsed {
             Parsed::Block(len, unit) => {
-                let (is_structure, is_network) = (unit == Ok(Unit::Comment), unit == Ok(Unit::Other(NETWORK)));
+                let is_structure = matches!(unit, Ok(Unit::Comment));
+                let is_network = matches!(unit, Ok(Unit::Other(NETWORK)));
                 is_read |= !matches!(unit, Ok(Unit::Comment | Unit::Other(NETWORK | UNKNOWN | OTHER_BLOCKS)));
                 take(place, unit);
                 buffer.consume(len);

@@ -117,9 +117,9 @@ impl LineReader for Log {
         };
         let indent = line.len() - line.trim_start().len();
         let hint = match (found.from, before) {
-            (None, Some((from, first))) if found.is_alone => {
+            (None, Some((from, first))) => {
                 self.before = before;
-                match indent > first {
+                match found.is_alone && indent > first {
                     true => Hint::From(from),
                     false => Hint::Continued,
                 }

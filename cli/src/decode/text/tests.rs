@@ -817,6 +817,7 @@ fn dates_and_times_before_bytes_are_no_bytes() {
         "26-01-02 10:23:45",
         "02-01-2026 10:23:45",
         "02.01.2026 10:23:45",
+        "20260102 10:23:45",
         "2026-01-02",
         "10:23:45",
         "10:23:45,12",
@@ -847,6 +848,8 @@ fn offset_behind_a_direction_is_no_byte() {
 fn bytes_that_go_on_in_the_next_line_are_joined() {
     let esphome = include_str!("../../../tests/texts/esphome-wrapped.log");
     assert_eq!(sum(esphome, None).0, "bytes: 79, frames: 6, noise bytes: 0");
+    let prefixed = "[1] RX: AA 06 00 0F 00 08 34 08 6C 07\n[2]     00 08 00 08 00 0A F4 01 10 90 FF\n";
+    assert_eq!(sum(prefixed, None).0, "bytes: 21, frames: 1, noise bytes: 0");
     // A terminal wraps a line without an indentation. The bytes of an idle line stand for themselves.
     let wrapped = "RX: AA 06 00 0F 00 08 34 08 6C 07\n00 08 00 08 00 0A F4 01 10 90 FF\nAA 06 00 01 FE 9A FF\n";
     let (sum, lines) = sum(wrapped, None);

@@ -2,15 +2,15 @@
 
 /// The line behind a date, a time, or both, if anything is behind them.
 pub(in super::super) fn behind_times(line: &str) -> Option<&str> {
-    let (first, rest) = split_word(line);
-    if !is_time(first) {
+    if !line.trim_start().starts_with(|first: char| first.is_ascii_digit()) {
         return None;
     }
+    let (first, rest) = split_word(line);
     let (second, behind) = split_word(rest);
-    let rest = if is_date(first) && is_clock(second) {
-        behind
-    } else {
-        rest
+    let rest = match is_clock(second) {
+        true if is_date(first) || is_digits_of_date(first) => behind,
+        _ if is_time(first) => rest,
+        _ => return None,
     };
     (!rest.trim().is_empty()).then_some(rest)
 }
@@ -63,6 +63,12 @@ fn is_date(word: &str) -> bool {
         let is_short = number(Some(first), 2..=2).is_some() && month() && day(last);
         is_short || year(first) && month() && day(last) || day(first) && day(middle) && year(last)
     })
+}
+
+/// Returns true for `20240131`, which is a date only before a time.
+fn is_digits_of_date(word: &str) -> bool {
+    let parts = word.get(..4).zip(word.get(4..6)).zip(word.get(6..));
+    parts.is_some_and(|((year, month), day)| is_date(&format!("{year}-{month}-{day}")))
 }
 
 /// A decimal number with so many digits.
