@@ -174,6 +174,7 @@ impl Input<'_> {
     }
 
     /// The error of bytes that cannot be decoded.
+    #[cfg(feature = "recordings")]
     pub(super) fn refused_at(&self, offset: u64, reason: &str) -> Error {
         Error::at(&self.name, format_args!("byte {offset}: {reason}"))
     }

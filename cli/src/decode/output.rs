@@ -15,7 +15,6 @@ pub(super) struct Item<'a> {
     pub(super) bytes: &'a [u8],
     pub(super) text: &'a str,
     /// `None` for bytes that were not on an arm's line.
-    #[cfg_attr(not(feature = "recordings"), expect(dead_code, reason = "for pcapng files only"))]
     pub(super) on_line: Option<OnLine>,
 }
 

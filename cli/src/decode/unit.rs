@@ -16,6 +16,10 @@ pub(super) enum Unit<'a> {
     /// Bytes of a line.
     Bytes(Bytes<'a>),
     /// A frame of an arm, or bytes between frames, from a recording of such.
+    #[cfg_attr(
+        not(feature = "recordings"),
+        expect(dead_code, reason = "of MCAP and pcapng files only")
+    )]
     Frame(Recorded<'a>),
     /// A comment, a heading, a blank line, or a part of the file's structure.
     Comment,

@@ -5,11 +5,11 @@ use armwire_bridge::can::MAX_FD;
 use armwire_host::describe::Protocol;
 use pcap_parser::Linktype;
 
-use super::usb;
+use super::usb::{self, seconds};
 use crate::args::Speaker;
 use crate::decode::doubts::Doubt;
 use crate::decode::framed::Recorded;
-use crate::decode::log::{Logged, Time, frame, seconds};
+use crate::decode::log::{Logged, Time, frame};
 use crate::decode::unit::{Read, Unit};
 
 /// The link type of SocketCAN, and the one of `any` interface: "Linux cooked".

@@ -7,7 +7,6 @@ use std::borrow::Cow;
 
 use crate::args::Speaker;
 use crate::decode::doubts::Doubt;
-use crate::decode::log::seconds;
 use crate::decode::unit::{Bytes, Hint, Read, Transfer, Unit};
 
 /// The form of a packet's header.
@@ -123,4 +122,9 @@ fn usbpcap(packet: &[u8]) -> Option<Header<'_>> {
         len: len as usize,
         data,
     })
+}
+
+/// The text of a time in ns, in seconds.
+pub(super) fn seconds(nanos: u64) -> String {
+    format!("{}.{:09}", nanos / 1_000_000_000, nanos % 1_000_000_000)
 }

@@ -52,11 +52,6 @@ impl<'a> Time<'a> {
     }
 }
 
-/// The text of a time in ns, in seconds.
-pub(in crate::decode) fn seconds(nanos: u64) -> String {
-    format!("{}.{:09}", nanos / 1_000_000_000, nanos % 1_000_000_000)
-}
-
 /// Converts a time, a decimal number in this unit.
 pub(super) fn time<'a>(text: &'a str, unit: Unit) -> Result<Time<'a>, Doubt> {
     let micros = decimal(text, unit.decimals).ok_or_else(|| Doubt::word(text, "no time"))?;
