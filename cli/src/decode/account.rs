@@ -77,7 +77,7 @@ impl<'a> Account<'a> {
                 if let Some(doubt) = &bytes.gap {
                     self.doubts.add(place, doubt, self.out);
                 }
-                self.sides.take(bytes, self.out);
+                self.sides.take(bytes, self.out)?;
                 self.data += 1;
             }
             Unit::Frame(frame) => {

@@ -9,6 +9,7 @@ use armwire::framing::Reason;
 use armwire::ling::legacy::Legacy;
 use armwire::xarm::XArm;
 
+use super::doubts::Doubt;
 use super::meaning::Sender;
 use super::output::{Item, OnLine, Output};
 use super::recording::{At, Counts, Frames, Generation, OfEither, Recording};
@@ -18,8 +19,10 @@ use crate::args::{ArmKind, Speaker};
 
 /// Maximum number of bytes that are kept for the case that they are frames of another arm.
 const MAX_KEPT: usize = 4 * 1024;
+/// Maximum number of devices in a capture. Each has decoders.
+const MAX_DEVICES: usize = 64;
 /// Maximum number of items that are held before the first frame of a device.
-const MAX_HELD: usize = 256;
+const MAX_HELD: usize = 64;
 
 /// Properties of a recorded line.
 #[derive(Clone, Copy)]
@@ -96,19 +99,23 @@ impl Sides {
         }
     }
 
-    /// Takes the next bytes, in pieces of any size. A broken stream ends.
-    pub(super) fn take(&mut self, bytes: &Bytes<'_>, out: &dyn Output) {
+    /// Takes the next bytes, in pieces of any size. A broken stream ends. The error is the reason why they are not
+    /// understood.
+    pub(super) fn take(&mut self, bytes: &Bytes<'_>, out: &dyn Output) -> Result<(), Doubt> {
         let Bytes {
             hint, bytes, transfer, ..
         } = bytes;
         if self.is_broken {
-            return;
+            return Ok(());
+        }
+        let device = transfer.as_ref().map(|transfer| transfer.device);
+        if self.devices.len() >= MAX_DEVICES && !self.devices.contains_key(&device) {
+            return Err("more than 64 USB devices".into());
         }
         let from = self.marked(*hint);
         self.keep(from, bytes);
         let line = self.line;
-        let device = self.devices.entry(transfer.as_ref().map(|transfer| transfer.device));
-        let device = device.or_insert_with(|| Device {
+        let device = self.devices.entry(device).or_insert_with(|| Device {
             held: transfer.is_some().then(Held::default),
             streams: BTreeMap::new(),
         });
@@ -133,9 +140,11 @@ impl Sides {
         if is_contradicted {
             self.is_contradicted = true;
             out.remark(format_args!(
-                "The marks of direction contradict the frames, which are shown by their content: --from or --tx decides"
+                "The marks of direction contradict the frames, which are shown by their content: --tx turns the marks \
+                 round, --from replaces them"
             ));
         }
+        Ok(())
     }
 
     /// The sender of bytes by their mark. The order of requests and answers tells them apart on the servo bus.
@@ -205,7 +214,8 @@ impl Sides {
                     Some(named) => Hint::From(self.line.sender(*named)),
                     None => Hint::None,
                 };
-                sides.take(&Bytes::of(hint, bytes), &Nowhere);
+                // A line is no device too many.
+                let _ = sides.take(&Bytes::of(hint, bytes), &Nowhere);
             }
             sides.finish(&Nowhere)
         };

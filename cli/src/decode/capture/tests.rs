@@ -155,6 +155,21 @@ fn usbmon_captures_are_read_by_endpoint() {
 }
 
 #[test]
+fn devices_are_limited() {
+    let request = |device| Usbmon {
+        device,
+        ..Usbmon::new(b'S', 0x02, &REQUEST)
+    };
+    let packets: Vec<_> = (0..66).map(|device| request(device).packet(64, false)).collect();
+    let (lines, error) = decoded(&pcap(220, false, &packets));
+    assert_eq!(error, None);
+    assert_eq!(
+        lines.last().unwrap(),
+        "bytes: 448, frames: 64, noise bytes: 0, not understood: 2 (more than 64 USB devices: 2)"
+    );
+}
+
+#[test]
 fn usbpcap_capture_is_read() {
     let (lines, error) = decoded(include_bytes!("../../../tests/logs/usbpcap.pcap"));
     assert_eq!(error, None);
