@@ -4,7 +4,7 @@ use std::fmt::{self, Display};
 
 /// A count of a sum.
 pub(super) struct Part {
-    pub(super) what: &'static str,
+    what: &'static str,
     pub(super) count: u64,
     /// It is printed even if it is 0.
     is_always: bool,
