@@ -43,23 +43,30 @@ impl File {
     }
 }
 
+/// A file with this name and content, unpacked; `None` if its format is not known.
+fn file(name: &str, packed: &[u8]) -> Option<File> {
+    let mut bytes = Vec::new();
+    Unpacked::new(Box::new(packed)).read_to_end(&mut bytes).ok()?;
+    let mut head = Head::new(name.to_owned(), Box::new(&bytes[..]), &Nowhere);
+    let format = detect(&mut head).ok()?;
+    let order = match format {
+        Format::Dump => Some(dump_order(&mut head).ok()?),
+        _ => None,
+    };
+    drop(head);
+    Some(File {
+        name: name.to_owned(),
+        format,
+        order,
+        bytes,
+    })
+}
+
 /// The test files of every format.
 fn all_files() -> Vec<File> {
-    let file = |(name, packed): (String, Vec<u8>)| {
-        let mut bytes = Vec::new();
-        Unpacked::new(Box::new(&packed[..])).read_to_end(&mut bytes).unwrap();
-        let mut head = Head::new(name.clone(), Box::new(&bytes[..]), &Nowhere);
-        let format = detect(&mut head).unwrap();
-        let order = (format == Format::Dump).then(|| dump_order(&mut head).unwrap());
-        drop(head);
-        File {
-            name,
-            format,
-            order,
-            bytes,
-        }
-    };
-    [files("texts"), files("logs")].concat().into_iter().map(file).collect()
+    let files = [files("texts"), files("logs")].concat();
+    let file = |(name, packed): &(String, Vec<u8>)| file(name, packed).expect(name);
+    files.iter().map(file).collect()
 }
 
 /// The beginnings of the test files of each format, in which a reader finds units.
@@ -193,6 +200,24 @@ proptest! {
             if file.format.is_of_line() && mutations.len() == 5 {
                 check_sum(&file)?;
             }
+        }
+    }
+}
+
+/// The corpus of the fuzzer is in the repository, not in the package.
+#[test]
+fn units_of_the_corpus_are_all_in_the_account() {
+    let corpus = concat!(env!("CARGO_MANIFEST_DIR"), "/../host-tests/fuzz/corpus/armwire_decode");
+    for entry in std::fs::read_dir(corpus).into_iter().flatten() {
+        let input = std::fs::read(entry.unwrap().path()).unwrap();
+        // The first byte is the arm.
+        let Some(file) = input.get(1..).and_then(|bytes| file("corpus", bytes)) else {
+            continue;
+        };
+        match (file.format, file.is_text()) {
+            (Format::Raw, _) => {}
+            (_, true) => check_lines(&file).unwrap(),
+            (_, false) => check_offsets(&file).unwrap(),
         }
     }
 }
