@@ -132,7 +132,7 @@ impl Sides {
             Some(held) => stream.push(bytes, at, held),
         }
         self.is_broken = stream.broken().is_some();
-        let is_contradicted = !self.is_contradicted && stream.is_contradicted();
+        let is_contradicted = from.is_some() && !self.is_contradicted && stream.is_contradicted();
         let has_frames = device.held.is_some() && stream.has_frames();
         if let Some(held) = device.held.take_if(|_| has_frames) {
             held.show(out);
