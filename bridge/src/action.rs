@@ -2,13 +2,14 @@
 
 use crate::config::{self, Config};
 
-/// Whether a write to flash may erase some. The adapter may stall meanwhile.
+/// Whether a write to flash may erase, during which the adapter may stall.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Erase {
-    /// It may.
+    /// It erases if it has to.
     Allowed,
-    /// It may not: it fails if there is no room without.
+    /// It fails if there is no room without an erase. An erase that was interrupted is completed nevertheless, if the start has
+    /// not done so.
     Refused,
 }
 

@@ -73,7 +73,7 @@ pub enum Request {
     SetConfig(Config),
     /// Saves the configuration to flash. Answered by [`Reply::Done`] once it is written, or [`Reply::Failed`].
     SaveConfig,
-    /// Erases the saved configuration and restores the factory defaults. Answered as [`Request::SaveConfig`].
+    /// Erases the saved configuration, and then restores the factory defaults. Answered as [`Request::SaveConfig`].
     ResetConfig,
     /// Reads the counters. Answered by [`Reply::Counters`].
     GetCounters,
@@ -325,8 +325,8 @@ pub enum Failure {
     PoseOutOfRange,
     /// The adapter cannot stop this kind of arm. Since version 5.
     NotStoppable(ArmKind),
-    /// The flash has no room without an erase, which would stall the adapter, and a host has the serial port open. A start
-    /// of the adapter makes room, and so does a save while the port is closed. Since version 7.
+    /// The flash has no room without an erase, which would stall the adapter, and a host has the serial port open: DTR is
+    /// high. A start of the adapter makes room, and so does a save while the port is closed. Since version 7.
     NoRoom,
 }
 

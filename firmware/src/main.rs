@@ -64,13 +64,15 @@ async fn main(spawner: Spawner) {
         Some(_) => (starts.config(), false),
         None => {
             restart::keep(starts.loading());
-            let loaded = action::load(&mut store);
-            action::prepare(&mut store);
-            loaded
+            action::load(&mut store)
         }
     };
     if let Some(words) = starts.running(Instant::ZERO, &config) {
         restart::keep(words);
+    }
+    // Torque-off that is due does not wait for an erase.
+    if starts.recovery().is_none() && !restart::was_armed() {
+        action::prepare(&mut store);
     }
     let start = starts.start(restart::was_armed(), is_lost);
     restart::log(&start);

@@ -36,6 +36,8 @@ pub(crate) struct Hosts {
     can: CanPort,
     /// The port whose host changed the configuration of the bus, until the controller is reinitialised.
     can_change: Option<ControlPort>,
+    /// The port that has requested the factory defaults, until these are in flash.
+    reset: Option<ControlPort>,
     control: ControlServer,
     /// A restart that firmware has not taken yet.
     restart: Option<Action>,
@@ -57,6 +59,7 @@ impl Hosts {
             announces_recovery: false,
             can: CanPort::new(config.can),
             can_change: None,
+            reset: None,
             control: ControlServer::new(),
             restart: None,
             counters,
@@ -357,6 +360,9 @@ impl Hosts {
             Err(_) => &mut self.counters.config_failures,
         };
         count(counter, 1);
+        if let Some(by) = self.reset.take().filter(|_| result.is_ok()) {
+            self.configure(Config::default(), by, line, now);
+        }
         if result.is_ok() && self.recovery.take().is_some() {
             // The controller starts, if there is one.
             self.can_change = self.is_can_on().then_some(ControlPort::Usb);
@@ -496,9 +502,7 @@ impl Hosts {
                     (_, true) => Action::Erase,
                 };
                 self.control.flash.request(action, port, sequence);
-                if request == Request::ResetConfig {
-                    self.configure(Config::default(), port, line, now);
-                }
+                self.reset = (request == Request::ResetConfig).then_some(port);
                 return None;
             }
             Request::GetCounters => Reply::Counters(self.all_counters(line)),

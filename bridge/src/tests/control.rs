@@ -400,12 +400,15 @@ fn firmware_saves_and_erases_configuration() {
 
     let reset = rig.request(Request::ResetConfig);
     assert_eq!(rig.actions.last(), Some(&Action::Reset(Erase::Allowed)));
-    assert_eq!(rig.bridge.config(), Config::default());
     rig.bridge.saved(Err(Failure::Flash), at(rig.now));
     rig.run(10);
     assert_eq!(rig.replies.last(), Some(&(reset, Reply::Failed(Failure::Flash))));
+    assert_eq!(rig.bridge.config(), config, "the saved one is not erased");
+    rig.request(Request::ResetConfig);
+    rig.bridge.saved(Ok(()), at(rig.now));
+    assert_eq!(rig.bridge.config(), Config::default());
     let c = rig.bridge.counters();
-    assert_eq!((c.config_saves, c.config_failures), (1, 1));
+    assert_eq!((c.config_saves, c.config_failures), (2, 1));
 }
 
 #[test]

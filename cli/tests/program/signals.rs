@@ -6,7 +6,7 @@ use armwire_sim::pty::Pty;
 use armwire_sim::serial::SerialDevice;
 use rustix::process::{Pid, Signal, kill_process};
 
-use crate::common::{NO_ANSWER, failure, retry_while, run_against};
+use crate::common::{NO_ANSWER, failure, retry_while, retry_while_busy, run_against};
 
 /// A virtual arm whose time passes by 20 ms with each burst from a program.
 pub(crate) struct Stepped {
@@ -38,7 +38,7 @@ const FAR: [&str; 6] = ["--joints", "170,170,170,170,170,170", "--speed", "6", "
 fn signal_in_awaited_move_stops_the_arm() {
     for signal in [Signal::INT, Signal::TERM, Signal::HUP] {
         let mut stepped = Stepped::new();
-        let output = retry_while(NO_ANSWER, || {
+        let output = retry_while_busy(|| {
             stepped = Stepped::new();
             let mut is_sent = false;
             run_against(

@@ -389,6 +389,10 @@ fn save_without_room_waits_for_closed_port_or_start() {
         assert_eq!(save(board, &mut control, 700), refused);
         assert_eq!(control.call(board, control::Request::ResetConfig), refused);
         assert_eq!(board.erases(), []);
+        let Reply::Config(in_force) = control.call(board, control::Request::GetConfig) else {
+            panic!("no configuration")
+        };
+        assert_eq!(in_force.host_timeout.after_ms, 700);
         board.usb().set_control_lines(false, false).unwrap();
         assert_eq!(save(board, &mut control, 700), Reply::Done);
         assert_eq!(board.erases().len(), 1);

@@ -373,7 +373,7 @@ fn byte_in_reception_is_not_garbled_by_a_line_change() {
             let line = board.uart().bytes();
             same_bytes("the host", &received, &as_received(&line));
             let lost = line.iter().filter(|byte| byte.outcome == Outcome::Lost).count();
-            assert!(lost <= 8, "{lost} bytes lost at change {nth}");
+            assert!(lost <= 4, "{lost} bytes lost at change {nth}");
         }
         assert_eq!(counters(board).framing_errors, 0);
     });

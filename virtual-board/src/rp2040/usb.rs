@@ -26,9 +26,9 @@ const ENDPOINTS: usize = 16;
 const PULLUP_EN: u32 = 1 << 16;
 const ADDRESS: u32 = 0x7F;
 
-/// From here to the end of a frame a packet must not become available (RP2040-E15). The limit of other drivers is 800 µs;
-/// this one leaves time for a handler between their check and the packet.
-const FRAME_END: Nanos = Nanos(840_000);
+/// From here to the end of a frame a packet must not become available (RP2040-E15). Other drivers check a limit of 800 µs
+/// before they write the packet: this leaves the time of the write, and of an interrupt at the start of the frame that waits.
+const FRAME_END: Nanos = Nanos(825_000);
 
 /// Time that the controller needs to connect (RP2040-E5).
 const CONNECT: Nanos = Nanos(800_000);
@@ -126,8 +126,12 @@ impl Device {
     }
 
     fn is_addressed(&self, address: u8) -> bool {
-        let hears = self.connection == Connection::Connected && !self.hangs;
-        hears && self.pulls_up && self.address == address.into()
+        self.hears() && self.address == address.into()
+    }
+
+    /// Returns true if packets on the bus reach the controller.
+    fn hears(&self) -> bool {
+        self.pulls_up && self.connection == Connection::Connected && !self.hangs
     }
 
     /// The image moved the controller to the bus, or to pins.
@@ -165,7 +169,9 @@ impl Function for Device {
 
     fn start_of_frame(&mut self, number: u16) {
         self.frame = self.now;
-        self.commands.start_of_frame(number);
+        if self.hears() {
+            self.commands.start_of_frame(number);
+        }
     }
 
     fn suspend(&mut self) {

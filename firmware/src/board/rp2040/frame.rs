@@ -1,7 +1,7 @@
 //! The end of a USB frame, in which the controller gets no packet for the host.
 //!
-//! A token that comes late there can make a hub damage the host's acknowledgement, after which the controller hangs until
-//! the chip is reset (RP2040-E15). TinyUSB leaves out the same part (`rp2040_usb.c`, `e15_is_critical_frame_period`).
+//! A token that comes late there can make a hub damage the host's acknowledgement, after which the controller hangs
+//! (RP2040-E15). TinyUSB leaves out the same part (`rp2040_usb.c`, `e15_is_critical_frame_period`).
 
 use core::sync::atomic::{AtomicBool, AtomicU16, AtomicU32, Ordering};
 
@@ -61,15 +61,20 @@ fn take_number() -> u16 {
     USB.sof_rd().read().count()
 }
 
-/// Waits for time as long as a frame, for a packet of a request, which has none without one.
-pub(super) fn wait_for_time() {
+/// Waits until a frame has this much more time, in microseconds. No frame is waited for longer than it takes.
+pub(super) fn wait_for_time(more: u32) {
     let start = micros();
-    while !has_time() && micros().wrapping_sub(start) < FRAME {}
+    while !lasts(more) && micros().wrapping_sub(start) < FRAME {}
 }
 
 /// Returns true if a frame has time for a packet.
 pub(super) fn has_time() -> bool {
-    IS_KNOWN.load(Ordering::Relaxed) && micros().wrapping_sub(START.load(Ordering::Relaxed)) < TIME
+    lasts(0)
+}
+
+fn lasts(more: u32) -> bool {
+    let elapsed = micros().wrapping_sub(START.load(Ordering::Relaxed));
+    IS_KNOWN.load(Ordering::Relaxed) && elapsed < TIME - more
 }
 
 fn micros() -> u32 {

@@ -34,11 +34,17 @@ pub(in crate::board) const ENDPOINTS: usize = 16;
 /// The revision B2 in CHIP_ID (2.20.2).
 const REVISION_B2: u8 = 2;
 
+/// A task waits, or has waited since the last frame.
+static WAITS_FOR_FRAME: AtomicBool = AtomicBool::new(false);
+
 /// The tasks that wait for the next frame with a packet, by their endpoints.
 static FRAME_STARTED: [AtomicWaker; ENDPOINTS] = [const { AtomicWaker::new() }; ENDPOINTS];
 
 /// The bus was reset since the last wait for an event.
 static WAS_RESET: AtomicBool = AtomicBool::new(false);
+
+/// Time of a packet on the wire in microseconds, with a margin.
+const PACKET_MICROS: u32 = 70;
 
 /// Cycles between the content of a buffer's control and AVAILABLE, which the controller reads with another clock
 /// (4.1.2.5.1).
@@ -54,7 +60,11 @@ pub(super) struct SetupHandler;
 impl Handler<USBCTRL_IRQ> for SetupHandler {
     unsafe fn on_interrupt() {
         if frame::note_start() {
-            FRAME_STARTED.iter().for_each(AtomicWaker::wake);
+            // A wake costs time even without a task.
+            if WAITS_FOR_FRAME.load(Ordering::Relaxed) {
+                WAITS_FOR_FRAME.store(false, Ordering::Relaxed);
+                FRAME_STARTED.iter().for_each(AtomicWaker::wake);
+            }
         }
         if is_over() {
             withdraw_answer();
@@ -131,7 +141,8 @@ pub(crate) fn cancel_unfetched_packet(endpoint: usize) -> bool {
 /// that waits there stays.
 fn restart(bus: &mut HalBus, endpoint: EndpointAddress, halted: bool) {
     if endpoint.is_in() && buffer(endpoint).read().available(0) {
-        frame::wait_for_time();
+        // The packet may be on the wire.
+        frame::wait_for_time(PACKET_MICROS);
     }
     held(endpoint, |buffer, is_armed| {
         bus.endpoint_set_stalled(endpoint, halted);
@@ -228,6 +239,7 @@ pub(in crate::board) async fn write(endpoint: &mut HalIn, packet: &[u8]) -> Resu
         critical_section::with(|_| {
             // This comes before the check: the frame may start in between.
             FRAME_STARTED[index].register(cx.waker());
+            WAITS_FOR_FRAME.store(true, Ordering::Relaxed);
             if !frame::has_time() {
                 return Poll::Pending;
             }

@@ -277,7 +277,7 @@ fn describe(failure: Failure) -> Text {
         Failure::SupplyLow => "not saved: the adapter's 3.3 V supply is below 2.9 V, too low to write flash".to_owned(),
         Failure::NoRoom => {
             "not saved: the flash is full, and an erase would stall the adapter, whose serial port a program has open. \
-             Close that program and save again, or restart the adapter"
+             Close that program, and save again"
                 .to_owned()
         }
         Failure::ArmSilent => {
