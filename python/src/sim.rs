@@ -72,6 +72,10 @@ impl<D: SerialDevice> SerialDevice for Shared<D> {
     fn poll_timeout(&self) -> Option<Instant> {
         self.lock().poll_timeout()
     }
+
+    fn is_gone(&self) -> bool {
+        self.lock().is_gone()
+    }
 }
 
 /// A virtual arm on a port, of any kind.

@@ -220,6 +220,10 @@ impl<D: SerialDevice> SerialDevice for Line<D> {
         let from = self.from_device.due().or_else(|| self.device.poll_timeout());
         [self.to_device.due(), from].into_iter().flatten().min()
     }
+
+    fn is_gone(&self) -> bool {
+        self.device.is_gone()
+    }
 }
 
 /// Generates fault rates, mostly low enough that some frames pass.

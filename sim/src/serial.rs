@@ -18,6 +18,11 @@ pub trait SerialDevice {
     /// Returns the time of the next call of [`transmit`](Self::transmit). `None` if only a received byte can cause
     /// output.
     fn poll_timeout(&self) -> Option<Instant>;
+
+    /// Returns true if the device has left the line for good. It takes and sends no more bytes.
+    fn is_gone(&self) -> bool {
+        false
+    }
 }
 
 /// Receive and answer counters of a device, since its creation.

@@ -24,7 +24,7 @@ pub struct Served {
     pub lost: u64,
 }
 
-/// Connects a device to a pty until `stop` is set. The reaction time is at most 100 ms.
+/// Connects a device to a pty until `stop` is set or the device is gone. The reaction time is at most 100 ms.
 ///
 /// The device's time zero is the time of the call. A pty has no baud rate, so bytes take no time. The output of one
 /// instant is one write, so frames with a pause between them reach the client one by one.
@@ -38,7 +38,7 @@ pub fn serve(device: &mut impl SerialDevice, pty: &Pty, stop: &AtomicBool) -> io
     let mut served = Served::default();
     let mut input = [0; 256];
     let mut output = Vec::new();
-    while !stop.load(Ordering::Relaxed) {
+    while !stop.load(Ordering::Relaxed) && !device.is_gone() {
         let n = pty.read(&mut input)?;
         served.received += n as u64;
         let instant = now();

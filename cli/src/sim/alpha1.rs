@@ -6,11 +6,13 @@ use std::sync::atomic::AtomicBool;
 use armwire::alpha1::{ServoId, Text};
 use armwire_bridge::Duration;
 use armwire_sim::alpha1::{Alpha1Robot, BusConfig, RobotConfig, ServoBus};
+use armwire_sim::serial::SerialDevice;
 use clap::Args;
 
 use super::line::{LineArgs, print_counts};
 use crate::call::values::made;
 use crate::error::Error;
+use crate::output::print_line;
 
 /// The arguments of `armwire sim alpha1`.
 #[derive(Args)]
@@ -96,6 +98,9 @@ impl Alpha1Sim {
         };
         let name = format!("Alpha1 with hardware {}", config.hardware.escape_ascii());
         let (line, served) = self.line.serve(name, Alpha1Robot::new(config), stop)?;
+        if line.is_gone() {
+            print_line("The robot is a disk on USB: this port is gone.")?;
+        }
         print_counts(served, line.device().counters())
     }
 }

@@ -103,6 +103,23 @@ fn virtual_robot_executes_requests() {
     assert!(failure(&run(&call_args(&arm, "servo version 4"))).contains("no answer"));
 }
 
+#[test]
+fn virtual_robot_that_becomes_a_disk_is_gone() {
+    for args in [&[][..], &["--hid"]] {
+        let arm = Arm::start("alpha1", "alpha1-disk", args);
+        let port = arm.port.clone();
+        // The result is ignored: if the answer is late, there is no port for the repeated request.
+        run(&call_args(&arm, "usb-type disk"));
+        let last = arm.finish();
+        assert!(
+            last.starts_with("The robot is a disk on USB: this port is gone.\n"),
+            "{last}"
+        );
+        let line = failure(&run(&["info", "--arm", "alpha1", &port]));
+        assert!(line.contains("no such port"), "{line}");
+    }
+}
+
 /// The output of a program that reads the servo states of a robot with this mask of running servos.
 fn with_servos(args: &[&str], mask: u32) -> String {
     let states = mask.to_be_bytes();

@@ -10,7 +10,9 @@
 //!   of one frame to the end of the next.
 //! * A stop ends the action and its interval; every servo holds its position. It succeeds also when nothing plays.
 //! * An unknown action is refused, and the current one continues.
-//! * The offset tool's connection and the USB type are stored. They have no effect on this line.
+//! * The offset tool's connection is stored. It has no effect on this line.
+//! * The USB types serial port and HID are stored. A robot that becomes a disk answers and leaves the line half a second
+//!   later, unless it gets another type before.
 
 use std::slice;
 
@@ -64,6 +66,18 @@ impl Default for RobotConfig {
     }
 }
 
+/// Time from a disk's last answer to the end of its port. The document gives none: a host must have the time to read it.
+const LEAVING_TIME: Duration = Duration::from_millis(500);
+
+/// The robot's presence on the line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Presence {
+    Here,
+    /// It leaves at this time.
+    Leaving(Instant),
+    Gone,
+}
+
 /// An action in progress.
 #[derive(Debug)]
 struct Playing {
@@ -101,6 +115,7 @@ pub struct Alpha1Robot {
     taken_from: Instant,
     offset_tool: OffsetTool,
     usb: UsbType,
+    presence: Presence,
 }
 
 impl Alpha1Robot {
@@ -120,6 +135,7 @@ impl Alpha1Robot {
             taken_from: Instant::ZERO,
             offset_tool: OffsetTool::Disconnect,
             usb: if config.hid { UsbType::Hid } else { UsbType::SerialPort },
+            presence: Presence::Here,
             config,
         };
         for (servo, angle) in robot.chain.servos_mut().iter_mut().zip(STANDING) {
@@ -131,9 +147,20 @@ impl Alpha1Robot {
     /// Advances time, as [`receive`](SerialDevice::receive) and [`transmit`](SerialDevice::transmit) do. The methods
     /// below return the state at the last given time.
     pub fn advance(&mut self, now: Instant) {
-        if let Some(idle_at) = self.port.take_idle(now) {
+        let heard_until = match self.presence {
+            Presence::Leaving(at) => at.min(now),
+            Presence::Here | Presence::Gone => now,
+        };
+        if !self.is_gone()
+            && let Some(idle_at) = self.port.take_idle(heard_until)
+        {
             self.port.idle();
             self.process_requests(idle_at);
+        }
+        if let Presence::Leaving(at) = self.presence
+            && at <= now
+        {
+            self.presence = Presence::Gone;
         }
         self.play(now);
     }
@@ -207,6 +234,10 @@ impl Alpha1Robot {
             }
             Request::SetUsbType(usb) => {
                 self.usb = usb;
+                self.presence = match usb {
+                    UsbType::Disk => Presence::Leaving(now + self.config.turnaround + LEAVING_TIME),
+                    UsbType::SerialPort | UsbType::Hid => Presence::Here,
+                };
                 Response::UsbType(Outcome::Success)
             }
             Request::Servo(ref request) => return self.chain.execute(now, request),
@@ -281,16 +312,30 @@ impl Alpha1Robot {
 impl SerialDevice for Alpha1Robot {
     fn receive(&mut self, now: Instant, byte: u8) {
         self.advance(now);
+        if self.is_gone() {
+            return;
+        }
         self.port.receive(now, byte);
         self.process_requests(now);
     }
 
     fn transmit(&mut self, now: Instant) -> Option<u8> {
         self.advance(now);
+        if self.is_gone() {
+            return None;
+        }
         self.port.transmit(now)
     }
 
     fn poll_timeout(&self) -> Option<Instant> {
-        self.port.poll_timeout()
+        match self.presence {
+            Presence::Here => self.port.poll_timeout(),
+            Presence::Leaving(at) => Some(self.port.poll_timeout().map_or(at, |due| due.min(at))),
+            Presence::Gone => None,
+        }
+    }
+
+    fn is_gone(&self) -> bool {
+        self.presence == Presence::Gone
     }
 }

@@ -153,10 +153,11 @@ fn every_row_of_the_document_gets_its_answer() {
         ),
         (frame([0xF4, 0x4F], &[1, 1, 0, 0, 0, 0]), &[0xF4, 0x4F, 0xAA, 0xED]),
         (frame([0xF4, 0x4F], &[1, 0, 0, 0, 0, 0]), &[0xF4, 0x4F, 0xAA, 0xED]),
-        (frame([0xF9, 0x9F], &[1, 0, 0, 0, 0, 0]), &[0xF9, 0x9F, 0xAA, 0xED]),
         (frame([0xF3, 0x3F], b"\x06dance"), &[0xF3, 0x3F, 0xAA, 0xED]),
         (frame([0xF3, 0x3F], b"\x06sleep"), &[0xF3, 0x3F, 0xEE, 0xED]),
         (frame([0xF3, 0x3F], b"\x01"), &[0xF3, 0x3F, 0xEE, 0xED]),
+        // The last: the robot becomes a disk.
+        (frame([0xF9, 0x9F], &[1, 0, 0, 0, 0, 0]), &[0xF9, 0x9F, 0xAA, 0xED]),
     ];
     for (request, answer) in rows {
         assert_eq!(call(&mut robot, &mut now, &request), answer, "{request:02X?}");
@@ -586,6 +587,25 @@ fn usb_mode_and_offset_settings_are_kept() {
 }
 
 #[test]
+fn disk_answers_and_leaves_the_line() {
+    let mut host = host(robot());
+    let become_type = Request::SetUsbType;
+    let done = Ok(Some(Response::UsbType(Outcome::Success)));
+    assert_eq!(host.call(become_type(UsbType::Disk)), done);
+    assert!(!host.device().is_gone(), "its answer can be read");
+    assert_eq!(host.call(become_type(UsbType::SerialPort)), done);
+    host.wait(millis(10_000));
+    assert!(!host.device().is_gone(), "the last type counts");
+
+    assert_eq!(host.call(become_type(UsbType::Disk)), done);
+    host.wait(millis(500));
+    assert!(host.device().is_gone());
+    assert_eq!(host.device().poll_timeout(), None);
+    assert_eq!(host.call(become_type(UsbType::SerialPort)), Err(NoAnswer { sends: 1 }));
+    assert_eq!(host.device().usb(), UsbType::Disk);
+}
+
+#[test]
 fn bus_answers_servo_frames_within_400_us() {
     let (mut bus, mut now) = (bus(), time::Instant::ZERO);
     send(&mut bus, &mut now, &bytes(&go(one(1), 90, 0, 0)));
@@ -882,6 +902,14 @@ fn any_request() -> impl Strategy<Value = Request<'static>> {
     ]
 }
 
+/// Any request, of which some make the robot a disk: it then leaves the line.
+fn any_request_or_disk() -> impl Strategy<Value = Request<'static>> {
+    prop_oneof![
+        9 => any_request(),
+        1 => Just(Request::SetUsbType(UsbType::Disk)),
+    ]
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
@@ -927,7 +955,7 @@ proptest! {
 
     #[test]
     fn robot_behaviour_is_independent_of_polling(
-        script in proptest::collection::vec((any_request(), 0..5_000_000_u64), 1..12),
+        script in proptest::collection::vec((any_request_or_disk(), 0..5_000_000_u64), 1..12),
         mut polls in proptest::collection::vec(0..50_000_000_u64, 0..200),
     ) {
         let (mut rarely, mut often) = (robot(), robot());
@@ -947,6 +975,7 @@ proptest! {
             often.advance(now);
             prop_assert_eq!(rarely.servos(), often.servos());
             prop_assert_eq!(rarely.playing(), often.playing());
+            prop_assert_eq!(rarely.is_gone(), often.is_gone());
         }
     }
 

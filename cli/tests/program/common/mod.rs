@@ -158,8 +158,13 @@ impl Arm {
     }
 
     /// Ends it with a signal. Returns the rest of its output.
-    pub(crate) fn stop(mut self, signal: Signal) -> String {
+    pub(crate) fn stop(self, signal: Signal) -> String {
         self.signal(signal);
+        self.finish()
+    }
+
+    /// Waits for its end. Returns the rest of its output.
+    pub(crate) fn finish(mut self) -> String {
         let deadline = Instant::now() + TIMEOUT;
         let status = loop {
             match self.child.try_wait().unwrap() {
