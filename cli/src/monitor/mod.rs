@@ -5,6 +5,7 @@
 //! file. A [session](session::Session) drives them. This module opens the source, also after its port was lost.
 
 mod adapter;
+mod fields;
 mod legacy;
 mod model;
 mod output;

@@ -8,6 +8,7 @@ use ratatui::style::{Color, Modifier, Style};
 use ratatui::text::{Line, Span};
 use ratatui::widgets::{Block, Paragraph};
 
+use super::fields::{MISSING, capped, grid, whole, words, words_if_long, wrapped};
 use super::model::{Adapter, Model, millis};
 use crate::adapter::{histograms, percentile};
 use crate::printable::escaped;
@@ -15,8 +16,10 @@ use crate::printable::escaped;
 /// Width of names, and of a quantity's text.
 const NAME: usize = 9;
 const WORDS: usize = 22;
-/// The most values of a fact that have a line each. The servos of an Alpha1 have one together.
+/// The most values of a fact that have a line each. The servos of an Alpha1 share lines.
 const MOST_LINES: usize = 16;
+/// The most lines of a notice.
+const MOST_NOTICE: usize = 3;
 /// Minimum width of a sparkline.
 const LEAST_SPARKLINE: usize = 8;
 /// A sparkline's levels.
@@ -37,26 +40,46 @@ struct Part {
 
 /// Draws the screen, as far as there is room.
 pub(super) fn draw(frame: &mut Frame<'_>, model: &Model, now: Instant) {
-    let rows = Layout::vertical([Constraint::Length(1), Constraint::Fill(1), Constraint::Length(1)]);
-    let [head, body, foot] = rows.areas(frame.area());
-    let port = Span::styled(format!(" {}", escaped(&model.port)), BOLD);
-    let arm_name = Span::raw(format!("  {}", model.arm));
-    frame.render_widget(Line::from(vec![port, arm_name]), head);
-    let notice = model.notice.clone().unwrap_or_default();
-    let keys = "q ends";
-    let [left, right] =
-        Layout::horizontal([Constraint::Fill(1), Constraint::Length(keys.len() as u16 + 1)]).areas(foot);
-    frame.render_widget(Line::styled(format!(" {}", escaped(&notice)), BAD), left);
-    frame.render_widget(Line::styled(keys, DIM), right);
+    let area = frame.area();
+    let head = head(model, area.width.into());
+    let keys = Line::styled("q ends", DIM);
+    let keys_width = keys.width() as u16 + 1;
+    // A gap stands between the notice and the keys.
+    let foot = foot(model, area.width.saturating_sub(keys_width + 1).into());
+    let foot = capped(foot, usize::from(area.height / 3).clamp(1, MOST_NOTICE));
+    let rows = Layout::vertical([
+        Constraint::Length(head.len() as u16),
+        Constraint::Fill(1),
+        Constraint::Length(foot.len() as u16),
+    ]);
+    let [head_area, body, foot_area] = rows.areas(area);
+    frame.render_widget(Paragraph::new(head), head_area);
+    let [left, right] = Layout::horizontal([Constraint::Fill(1), Constraint::Length(keys_width)]).areas(foot_area);
+    frame.render_widget(Paragraph::new(foot), left);
+    let [_, last] = Layout::vertical([Constraint::Fill(1), Constraint::Length(1)]).areas(right);
+    frame.render_widget(keys, last);
 
     let width = usize::from(body.width).saturating_sub(2);
-    let mut parts = vec![arm(model, width), calls(model, now)];
+    let mut parts = vec![arm(model, width), calls(model, now, width)];
     parts.extend(model.adapter.as_ref().map(|shown| adapter(shown, width)));
     let framed: usize = parts.iter().map(|part| part.lines.len() + 2).sum();
     match framed <= usize::from(body.height) {
         true => draw_framed(frame, body, parts),
         false => draw_plain(frame, body, parts),
     }
+}
+
+/// The port and the name of the arm.
+fn head(model: &Model, width: usize) -> Vec<Line<'static>> {
+    let port = Span::styled(escaped(&model.port), BOLD);
+    let arm_name = Span::raw(format!(" {}", model.arm));
+    wrapped(Span::raw(" "), 1, [port, arm_name], width)
+}
+
+/// The notice.
+fn foot(model: &Model, width: usize) -> Vec<Line<'static>> {
+    let notice = escaped(model.notice.as_deref().unwrap_or_default());
+    wrapped(Span::raw(" "), 1, words(&notice, BAD), width)
 }
 
 /// Draws each part in a frame with its title.
@@ -76,7 +99,8 @@ fn draw_plain(frame: &mut Frame<'_>, area: Rect, parts: Vec<Part>) {
     if lines.len() > room && room > 0 {
         let hidden = lines.len() - room + 1;
         lines.truncate(room - 1);
-        lines.push(Line::styled(format!("… {hidden} more lines"), DIM));
+        let mark = Span::styled(format!("{MISSING} {hidden} more lines"), DIM);
+        lines.push(Line::from(whole(mark, area.width.into())));
     }
     frame.render_widget(Paragraph::new(lines), area);
 }
@@ -93,86 +117,102 @@ fn arm(model: &Model, width: usize) -> Part {
                 values += fact.items.len();
                 match fact.items.len() {
                     0..=MOST_LINES => {
-                        lines.extend((first..).zip(&fact.items).map(|(i, item)| row(model, i, item, width)))
+                        lines.extend(
+                            (first..)
+                                .zip(&fact.items)
+                                .flat_map(|(i, item)| row(model, i, item, width)),
+                        );
                     }
-                    _ => lines.push(named(&fact.name, fact.text.clone())),
+                    _ => {
+                        lines.extend(wrapped(name(&fact.name), NAME, [], width));
+                        let cells = (1..).zip(&fact.items).map(|(n, item)| format!("{n} {}", item.text));
+                        lines.extend(grid(cells.collect(), width));
+                    }
                 }
             }
         }
     }
     if !model.celsius.is_empty() {
-        let all: Vec<_> = model.celsius.iter().map(u8::to_string).collect();
+        let all = model.celsius.iter().map(u8::to_string);
         let max = model.celsius.iter().max().copied().unwrap_or_default();
-        let text = format!("{} °C, the hottest {max} °C", all.join(" "));
-        lines.push(named("servos", text));
+        let fields = all.chain(["°C,".to_owned(), format!("the hottest {max} °C")]);
+        lines.extend(named("servos", fields, width));
     }
     Part { title: "arm", lines }
 }
 
 /// Value number `i` of the readings, with its history.
-fn row(model: &Model, i: usize, item: &Item, width: usize) -> Line<'static> {
-    let mut spans = vec![name(&item.name), Span::raw(format!("{:<WORDS$}", item.text))];
-    let room = width.saturating_sub(NAME.max(item.name.chars().count() + 1) + WORDS + 1);
-    if room >= LEAST_SPARKLINE && !item.value.is_string() {
+fn row(model: &Model, i: usize, item: &Item, width: usize) -> Vec<Line<'static>> {
+    let mut lines = wrapped(name(&item.name), NAME, words_if_long(&item.text, NAME, width), width);
+    let text = WORDS.max(item.text.chars().count());
+    let begin = NAME.max(item.name.chars().count() + 1) + text + 1;
+    let room = width.saturating_sub(begin);
+    if let [line] = &mut lines[..]
+        && room >= LEAST_SPARKLINE
+        && !item.value.is_string()
+    {
         let values: Vec<_> = model.history(i).rev().take(room).collect();
-        spans.push(Span::styled(format!(" {}", sparkline(&values)), LIVE));
+        line.push_span(Span::raw(" ".repeat((begin - 1).saturating_sub(line.width()))));
+        line.push_span(Span::styled(format!(" {}", sparkline(&values)), LIVE));
     }
-    Line::from(spans)
+    lines
 }
 
 /// The line: calls, or received readings.
-fn calls(model: &Model, now: Instant) -> Part {
+fn calls(model: &Model, now: Instant, width: usize) -> Part {
     let achieved = model.achieved(now);
     let wanted = model.rate.map_or(String::new(), |rate| format!(" of {rate}"));
-    let calls = match model.requests {
-        0 => format!("received {}", model.answered),
-        requests => format!("requested {requests}, answered {}", model.answered),
-    };
-    let rate = format!("{achieved:.1}{wanted} readings/s, {calls}");
-    let mut lines = vec![named("rate", rate)];
+    let mut rate = vec![format!("{achieved:.1}{wanted} readings/s,")];
+    match model.requests {
+        0 => rate.push(format!("received {}", model.answered)),
+        requests => rate.extend([format!("requested {requests},"), format!("answered {}", model.answered)]),
+    }
+    let mut lines = named("rate", rate, width);
     if let Some(times) = model.call_times() {
         let [least, median, worst] = [times.min, times.median, times.worst].map(millis);
-        let text = format!("minimum {least}, median {median}, maximum {worst}");
-        lines.push(named("latency", text));
+        let fields = [
+            format!("minimum {least},"),
+            format!("median {median},"),
+            format!("maximum {worst}"),
+        ];
+        lines.extend(named("latency", fields, width));
     }
     if model.rate.is_some() {
         let errors = [
-            (model.timed_out, "unanswered"),
-            (model.line_errors.checksums as u64, "wrong checksums"),
+            (model.timed_out, "unanswered,"),
+            (model.line_errors.checksums as u64, "wrong checksums,"),
             (model.line_errors.noise_bytes as u64, "noise bytes"),
         ];
-        let mut spans = vec![name("errors")];
-        for (i, (count, what)) in errors.into_iter().enumerate() {
-            let comma = if i > 0 { ", " } else { "" };
+        let fields = errors.map(|(count, what)| {
             let style = if count > 0 { BAD } else { Style::new() };
-            spans.push(Span::raw(comma));
-            spans.push(Span::styled(format!("{count} {what}"), style));
-        }
-        lines.push(Line::from(spans));
+            Span::styled(format!("{count} {what}"), style)
+        });
+        lines.extend(wrapped(name("errors"), NAME, fields, width));
     }
     Part { title: "line", lines }
 }
 
 /// The adapter: its latencies, and the counters that are not zero.
 fn adapter(adapter: &Adapter, width: usize) -> Part {
-    let mut lines = vec![named("adapter", escaped(&adapter.name))];
+    let mut lines = wrapped(
+        name("adapter"),
+        NAME,
+        words_if_long(&escaped(&adapter.name), NAME, width),
+        width,
+    );
     match &adapter.counts {
-        Err(error) => lines.push(Line::styled(escaped(error), BAD)),
+        Err(error) => lines.extend(wrapped(Span::raw(""), 0, words(&escaped(error), BAD), width)),
         Ok((counters, latencies)) => {
             for (what, _, histogram) in histograms(latencies) {
                 if let [Some(half), Some(most), Some(all)] = [50, 99, 100].map(|percent| percentile(histogram, percent))
                 {
-                    let text = format!("median {half}, 99 % {most}, max {all}");
-                    lines.push(named(what, text));
+                    let fields = [format!("median {half},"), format!("99 % {most},"), format!("max {all}")];
+                    lines.extend(named(what, fields, width));
                 }
             }
             let counted = counters.iter().filter(|&(_, count)| count != 0);
-            let cells: Vec<_> = counted.map(|(name, count)| format!("{name} {count}")).collect();
-            let cell = cells.iter().map(|cell| cell.chars().count() + 2).max().unwrap_or(1);
-            for row in cells.chunks((width / cell).max(1)) {
-                let text: String = row.iter().map(|text| format!("{text:<cell$}")).collect();
-                lines.push(Line::raw(text));
-            }
+            let cells = counted.map(|(name, count)| format!("{name} {count}"));
+            lines.extend(grid(cells.collect(), width));
         }
     }
     Part {
@@ -181,9 +221,9 @@ fn adapter(adapter: &Adapter, width: usize) -> Part {
     }
 }
 
-/// A line with a name.
-fn named(what: &str, text: String) -> Line<'static> {
-    Line::from(vec![name(what), Span::raw(text)])
+/// The lines of these fields behind a name.
+fn named(what: &str, fields: impl IntoIterator<Item = String>, width: usize) -> Vec<Line<'static>> {
+    wrapped(name(what), NAME, fields.into_iter().map(Span::raw), width)
 }
 
 fn name(text: &str) -> Span<'static> {
@@ -216,11 +256,14 @@ mod tests {
     use std::{env, fs};
 
     use anstyle_svg::{Term, WIN10_CONSOLE};
+    use armwire::alpha1::{self, Alpha1, ServoStates};
+    use armwire::ling::legacy::{self, Legacy};
     use armwire::ling::{JointState, Ling, MotionStatus, Response};
     use armwire::time::Duration;
+    use armwire::xarm::{State, XArm};
     use armwire_bridge::Counters;
     use armwire_bridge::control::Latencies;
-    use armwire_host::describe::Arm;
+    use armwire_host::describe::{self, Arm};
     use ratatui::Terminal;
     use ratatui::backend::TestBackend;
     use ratatui::buffer::{Buffer, Cell};
@@ -325,6 +368,129 @@ mod tests {
             format!("{codes}{text}\x1B[0m")
         };
         parts.map(part).collect()
+    }
+
+    /// The lines of a screen that are not empty, without frames.
+    fn lines(screen: &[String]) -> Vec<&str> {
+        let lines = screen.iter().map(|line| line.trim_matches('│').trim_end());
+        lines
+            .filter(|line| !line.is_empty() && !line.starts_with(['┌', '└']))
+            .collect()
+    }
+
+    /// The fields of a screen, in their order: what is between spaces, without sparklines.
+    fn fields(screen: &[String]) -> Vec<&str> {
+        let fields = lines(screen).into_iter().flat_map(str::split_whitespace);
+        fields.filter(|field| !field.contains(LEVELS)).collect()
+    }
+
+    /// A model of each arm, with long numbers.
+    fn arms() -> Vec<Model> {
+        let half = [-2.5_f32; 7].map(f32::to_le_bytes);
+        let legacy = legacy::Response::Joints(legacy::JointState {
+            firmware: legacy::Firmware::V5,
+            servos: [1000; legacy::SERVOS],
+        });
+        let readings = [
+            ("a Ling arm", moving().latest.unwrap().facts),
+            (Legacy::NAME, {
+                let mut facts = Legacy::facts(&legacy);
+                facts.extend(describe::legacy::gripper(None));
+                facts
+            }),
+            (
+                XArm::NAME,
+                describe::xarm::positions(State::WARNING, half.as_flattened(), Some(7)),
+            ),
+            (XArm::NAME, describe::xarm::positions(State::OK, &[1; 40], None)),
+            (
+                Alpha1::NAME,
+                Alpha1::facts(&alpha1::Response::ServoStates(ServoStates::from_bits(u32::MAX))),
+            ),
+            (
+                Alpha1::NAME,
+                Alpha1::facts(&alpha1::Response::ServoStates(ServoStates::from_bits(0x7FFB))),
+            ),
+        ];
+        let arms = readings.into_iter().map(|(arm, facts)| {
+            let mut model = Model::new("can:can0/3");
+            model.watch(arm, 10, Some(1000));
+            model.requests = 1_234_567;
+            model.line_errors.noise_bytes = 7_654_321;
+            model.line_errors.checksums = 1_010_101;
+            model.read(Latest {
+                facts,
+                at: Instant::from_millis(900),
+                stamp: None,
+                latency: Some(Duration::from_micros(1_234_560)),
+            });
+            model.answered = 1_234_115;
+            model.timed_out = 452;
+            model.celsius = vec![31, 30, 33, 35, 31, 29, 30, 30, 31, 128];
+            model.notice = Some("no answer in 350 ms: is the arm on, and is 1000000 its baud rate?".to_owned());
+            let mut adapter = counted();
+            if let Ok((counters, latencies)) = &mut adapter.counts {
+                counters.frames = u32::MAX;
+                counters.framing_errors = u32::MAX;
+                latencies.turn.counts[15] = 7;
+            }
+            model.adapter = Some(adapter);
+            model
+        });
+        arms.collect()
+    }
+
+    #[test]
+    fn fields_are_whole_at_every_width() {
+        for model in arms() {
+            let widest = screen(&model, 300, 200);
+            let all = fields(&widest);
+            assert!(!all.contains(&MISSING), "{all:?}");
+            for width in 40..=120 {
+                assert_eq!(fields(&screen(&model, width, 200)), all, "{} at {width}", model.arm);
+            }
+        }
+    }
+
+    #[test]
+    fn low_screen_has_whole_fields_and_counts_the_rest() {
+        for model in arms() {
+            for width in [40, 60, 80, 100, 120] {
+                let high = screen(&model, width, 200);
+                let all = lines(&high);
+                for height in [10, 16, 24] {
+                    let low = screen(&model, width, height);
+                    let (marks, shown): (Vec<_>, Vec<_>) =
+                        lines(&low).into_iter().partition(|line| line.starts_with(MISSING));
+                    assert!(shown.iter().all(|line| all.contains(line)), "{}", low.join("\n"));
+                    let hidden = marks
+                        .iter()
+                        .map(|mark| mark.split(' ').nth(1).unwrap().parse::<usize>().unwrap());
+                    assert_eq!(shown.len() + hidden.sum::<usize>(), all.len(), "{}", low.join("\n"));
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn field_wider_than_its_line_is_marked() {
+        let mut model = model();
+        model.port = format!("/dev/serial/by-id/{}", "1".repeat(60));
+        model.notice = Some(format!("{} 350 ms", "2".repeat(60)));
+        model.adapter = Some(Adapter {
+            name: "3".repeat(60),
+            ..counted()
+        });
+        let narrow = screen(&model, 40, 40);
+        assert_shown(&narrow, &[" …  Ling arm", "│adapter  …", " … 350 ms"]);
+        for digits in ["11", "22", "33"] {
+            assert!(
+                narrow.iter().all(|line| !line.contains(digits)),
+                "{}",
+                narrow.join("\n")
+            );
+        }
+        assert_shown(&screen(&model, 120, 40), &["111", "222", "333"]);
     }
 
     fn assert_shown(screen: &[String], texts: &[&str]) {
