@@ -1172,7 +1172,7 @@ typedef struct ArmwireAlpha1Response {
    */
   int16_t offset_thirds_of_degree;
   /**
-   * One bit per servo, servo 1 lowest: 1 is running, 0 can be turned by hand.
+   * One bit per servo, servo 1 lowest: 1 is running, 0 can be turned by hand, or is not there.
    */
   uint32_t running_servos;
   /**

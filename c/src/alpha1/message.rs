@@ -339,7 +339,7 @@ pub struct ArmwireAlpha1Response {
     pub actual_degrees: u16,
     /// Zero offset of a servo, as sent: -90 to 90.
     pub offset_thirds_of_degree: i16,
-    /// One bit per servo, servo 1 lowest: 1 is running, 0 can be turned by hand.
+    /// One bit per servo, servo 1 lowest: 1 is running, 0 can be turned by hand, or is not there.
     pub running_servos: u32,
     /// The hardware version, 0 to 254 bytes without a documented character set. In a client it is valid until the next
     /// call.

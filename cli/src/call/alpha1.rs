@@ -2,8 +2,8 @@
 
 use armwire::OutOfRange;
 use armwire::alpha1::{
-    Action, Address, Angle, Interval, Led, MoveTime, Offset, OffsetTool, Request, SERVOS, ServoId, ServoRequest, Text,
-    UsbType,
+    Action, Address, Angle, INSTALLED, Interval, Led, MoveTime, Offset, OffsetTool, Request, SERVOS, ServoId,
+    ServoRequest, Text, UsbType,
 };
 use clap::{Args, Subcommand};
 
@@ -14,7 +14,7 @@ use super::values::{made, one_of, parse, seconds};
 pub(crate) enum Command {
     /// Read the robot's hardware version.
     HardwareVersion,
-    /// Read the states of the servos: running or powered off.
+    /// Read the states of the servos: running or powered off. An Alpha1 has servos 1 to 16 of the 32.
     ServoStates,
     /// Stop the action that is played.
     Stop,
@@ -62,9 +62,6 @@ pub(crate) struct Act {
     #[arg(long, value_name = "SECONDS", allow_hyphen_values = true, value_parser = interval)]
     interval: Interval,
 }
-
-/// The number of servos of an Alpha1.
-const INSTALLED: usize = 16;
 
 /// A target for each servo, or none for a release.
 type Angles = [Option<Angle>; SERVOS];

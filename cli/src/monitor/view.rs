@@ -453,6 +453,21 @@ mod tests {
     }
 
     #[test]
+    fn servo_that_is_off_differs_from_one_that_is_not_there() {
+        let some = arms().pop().unwrap();
+        let screen = screen(&some, 80, 60);
+        assert_shown(
+            &screen,
+            &[
+                "│servos that run",
+                "│1 runs   2 runs   3 off    4 runs",
+                " 16 off ",
+                "│17 -     18 -",
+            ],
+        );
+    }
+
+    #[test]
     fn low_screen_has_whole_fields_and_counts_the_rest() {
         for model in arms() {
             for width in [40, 60, 80, 100, 120] {

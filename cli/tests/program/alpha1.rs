@@ -161,6 +161,21 @@ fn every_servo_state_is_in_every_output() {
     }
 }
 
+/// Such a row is 1, 0, or null for a servo that an Alpha1 does not have.
+#[test]
+fn servo_that_is_not_there_has_no_value() {
+    for (mask, values) in [(0x0002_7FFB_u32, [1, 0, 0]), (0xFFFD_8004, [0, 1, 1])] {
+        let json = with_servos(&["monitor", "--arm", "alpha1", "PORT", "--json", "--count", "1"], mask);
+        let row: serde_json::Value = serde_json::from_str(&json).unwrap();
+        let servo = |n: u32| &row[format!("servo_{n}_runs")];
+        assert_eq!([servo(1), servo(3), servo(16)], values, "{row}");
+        for n in 17..=32 {
+            let expected = (mask >> (n - 1) & 1 == 1).then_some(1);
+            assert_eq!(servo(n), &serde_json::json!(expected), "servo {n}: {row}");
+        }
+    }
+}
+
 #[test]
 fn frames_may_come_in_pieces_and_bursts() {
     let arm = Arm::start("alpha1", "alpha1-pieces", &[]);

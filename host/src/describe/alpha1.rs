@@ -2,9 +2,9 @@
 
 use std::num::NonZeroU32;
 
-use armwire::alpha1::{Alpha1, Outcome, Request, Response, ServoResponse, ServoStates};
+use armwire::alpha1::{Alpha1, INSTALLED, Outcome, Request, Response, ServoResponse, ServoStates};
 use armwire::{Config, time};
-use serde_json::json;
+use serde_json::{Value, json};
 
 use super::arm::{Arm, Protocol};
 use super::fact::{Fact, number};
@@ -67,11 +67,13 @@ fn done(what: &str, outcome: Outcome) -> Fact {
     Fact::words(what, outcome)
 }
 
-/// The numbers of the servos that run: a value for each bit of the answer, which has more than an action has servos.
+/// The numbers of the servos that run: a value for each bit of the answer. The bit of a servo that is not there is that of
+/// one that is powered off: it has no value if an Alpha1 does not have this servo.
 fn running(states: ServoStates) -> Fact {
-    let each = (1..=u32::BITS as u8).map(|n| match states.running().any(|servo| servo == n) {
-        true => (json!(1), "runs".to_owned()),
-        false => (json!(0), "-".to_owned()),
+    let each = (0..u32::BITS as usize).map(|i| match states.bits() >> i & 1 {
+        1 => (json!(1), "runs".to_owned()),
+        _ if i < INSTALLED => (json!(0), "off".to_owned()),
+        _ => (Value::Null, "-".to_owned()),
     });
     let fact = Fact::each(("servos that run", "servo"), "runs", "", each);
     Fact {

@@ -46,7 +46,7 @@ pub use frame::{
 pub use message::{Action, FirmwareVersion, Request, Response, ServoRequest, ServoResponse};
 pub use protocol::Alpha1;
 pub use value::{
-    Address, Angle, Interval, Led, MAX_TEXT, MoveTime, OLDEST_FIRMWARE, Offset, OffsetTool, Outcome, SERVOS,
+    Address, Angle, INSTALLED, Interval, Led, MAX_TEXT, MoveTime, OLDEST_FIRMWARE, Offset, OffsetTool, Outcome, SERVOS,
     ServoAngles, ServoId, ServoStates, Text, UsbType,
 };
 

@@ -10,8 +10,11 @@ use crate::error::at_most;
 /// The maximum length of a version or a name, in bytes: the count byte includes itself.
 pub const MAX_TEXT: usize = u8::MAX as usize - 1;
 
-/// Number of servos in an action (row FB). An Alpha1 has 16.
+/// Number of servos in an action (row FB). An Alpha1 has [fewer](INSTALLED), and the servo states (row EF) have more.
 pub const SERVOS: usize = 20;
+
+/// Number of servos in an Alpha1.
+pub const INSTALLED: usize = 16;
 
 /// The oldest firmware with this protocol, in the format of [`FirmwareVersion`](super::FirmwareVersion).
 ///
@@ -378,7 +381,7 @@ impl fmt::Display for Text<'_> {
 }
 
 /// The servo states, as the four bytes on the wire (row EF). A servo is either running, or powered off and free to turn
-/// by hand.
+/// by hand. A servo that the robot does not have is not running either: an Alpha1 has the first [`INSTALLED`] of the 32.
 ///
 /// The document defines the least significant bit as servo 1, but not the order of the bytes. All other numbers of this
 /// family are big-endian, and the methods assume the same: servo 1 is bit 0 of the last byte.

@@ -41,7 +41,7 @@ class Alpha1(Open):
         return self._port.read_firmware_version().decode("ascii", "backslashreplace")
 
     def read_running_servos(self) -> tuple[int, ...]:
-        """Read the numbers of the running servos, from 1. The other servos can be turned by hand."""
+        """Read the numbers of the running servos, 1 to 32. The others of the robot's 16 can be turned by hand."""
         return tuple(self._port.read_running_servos())
 
     def act(

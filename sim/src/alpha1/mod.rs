@@ -18,4 +18,4 @@ pub use robot::{Alpha1Robot, RobotConfig};
 pub use servo::Servo;
 
 /// Number of servos in an Alpha1.
-pub const SERVOS: usize = 16;
+pub const SERVOS: usize = armwire::alpha1::INSTALLED;
