@@ -11,6 +11,8 @@ import { serve } from './server.mjs';
 const folder = process.env.ARMWIRE_PAGE;
 const screenshots = process.env.ARMWIRE_SCREENSHOTS;
 const SIZES = [[1280, 800], [768, 1024], [390, 844]];
+// Widths of telephones, tablets and computers, and those at which the layout changes.
+const WIDTHS = [320, 360, 390, 400, 401, 480, 620, 621, 768, 999, 1000, 1280];
 // Time in which a stop takes effect and the page shows it, in milliseconds.
 const REST = 400;
 
@@ -490,6 +492,42 @@ for (const width of [320, 390]) {
     const [arm, ...over] = await Promise.all(['#arm', '#facts', '#view-tools'].map((part) => page.locator(part).boundingBox()));
     assert.ok(arm.height >= 180, `the arm has a height of ${arm.height}`);
     for (const { y, height } of over) assert.ok(y + height <= arm.y || y >= arm.y + arm.height, `${y} to ${y + height} covers ${JSON.stringify(arm)}`);
+  }, { viewport: { width, height: 844 } });
+}
+
+// The visible texts that are wider than the box of an element around them.
+const clipped = (page) => page.evaluate(() => {
+  const found = [];
+  const texts = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+  while (texts.nextNode()) {
+    const { currentNode: node } = texts;
+    if (!node.data.trim() || node.parentElement.closest('.unseen') || !node.parentElement.checkVisibility()) continue;
+    const range = document.createRange();
+    range.selectNodeContents(node);
+    const rows = [...range.getClientRects()];
+    for (let box = node.parentElement; box; box = box.parentElement) {
+      if (getComputedStyle(box).display === 'inline') continue;
+      const { left, right } = box.getBoundingClientRect();
+      if (rows.some((row) => row.left < left - 1 || row.right > right + 1)) {
+        found.push(`${JSON.stringify(node.data.trim())} in ${box.tagName}#${box.id}.${box.className}`);
+        break;
+      }
+    }
+  }
+  return found;
+});
+
+for (const width of WIDTHS) {
+  pageTest(`no text is clipped at a width of ${width}`, async (page) => {
+    // The longest values. The clock stands: the page writes no others.
+    await page.evaluate(() => {
+      const write = (selector, value) => document.querySelectorAll(selector).forEach((element) => { element.textContent = value; });
+      write('.axis-value', '−180.0°');
+      write('#counters dd', '9,999,999');
+      write('#cable output', '0.0063 %');
+      write('#cable .count', '99,999');
+    });
+    assert.deepEqual(await clipped(page), []);
   }, { viewport: { width, height: 844 } });
 }
 
