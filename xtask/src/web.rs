@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result};
 use clap::Args;
 
 use crate::board::Board;
@@ -26,8 +26,6 @@ const ENGINE: &str = "build --package armwire-web --profile web --locked --quiet
 /// The module's name in cargo and on the page.
 const MODULE: &str = "armwire_web.wasm";
 const SERVED_MODULE: &str = "armwire.wasm";
-/// Maximum size of the module, in bytes.
-const MAX_MODULE: u64 = 90 * 1024;
 /// Features that compilers enable for this target by default.
 const WASM_FEATURES: [&str; 6] = [
     "--enable-bulk-memory",
@@ -100,11 +98,7 @@ fn build() -> Result<PathBuf> {
         .arg("-o")
         .arg(&module))?;
     let size = fs::metadata(&module).context("wasm-opt wrote no module")?.len();
-    println!("{SERVED_MODULE}: {size} bytes, at most {MAX_MODULE}");
-    ensure!(
-        size <= MAX_MODULE,
-        "{SERVED_MODULE} has {size} bytes, at most {MAX_MODULE} are allowed"
-    );
+    println!("{SERVED_MODULE}: {size} bytes");
     Ok(page)
 }
 
