@@ -223,6 +223,10 @@ fn xarm_answers_have_values_and_the_state() {
         ),
         (ok(Reply::SystemControl(258)), "system control: value 258, state: ok"),
         (
+            ok(Reply::Raw(Raw::new(15, &[31, 99]).unwrap())),
+            "register 15: 1F 63 (error: 31 (abnormal current, caused by a collision), warning: 99), state: ok",
+        ),
+        (
             ok(Reply::Raw(Raw::new(19, &[1, 0xFE]).unwrap())),
             "register 19: 01 FE, state: ok",
         ),

@@ -7,7 +7,7 @@ mod xarm;
 
 use armwire::ling::Request;
 use armwire_host::Link;
-use armwire_host::describe::{Arm, object};
+use armwire_host::describe::{Arm, line, object};
 use clap::{Args, Subcommand};
 use serde_json::json;
 
@@ -80,20 +80,31 @@ impl Call {
 
 /// Sends the request and prints the answer.
 pub(crate) fn call<P: Arm>(link: &mut Link<P>, request: &P::Request<'_>, json: bool) -> Result<(), Error> {
-    let answer = link.call(request, |response| match P::refusal(&response) {
-        None => Ok((response.to_string(), P::facts(&response))),
-        Some(what) => Err(what),
+    let answer = link.call(request, |response| {
+        let answer = match P::refusal(&response) {
+            None => Ok((response.to_string(), P::facts(&response))),
+            Some(reason) => Err(reason),
+        };
+        (answer, P::follow_up(&response))
     })?;
+    let Some((answer, follow_up)) = answer else {
+        return match json {
+            true => print_json(&json!({ "sent": request.to_string() })),
+            false => print_line(format_args!("{request}: sent, the arm does not answer it")),
+        };
+    };
     let extra = P::extra_fact(link.frame());
-    match (answer, extra) {
-        (None, _) if json => print_json(&json!({ "sent": request.to_string() })),
-        (None, _) => print_line(format_args!("{request}: sent, the arm does not answer it")),
-        (Some(Ok((_, mut facts))), extra) if json => {
-            facts.extend(extra);
+    let (text, mut facts) = match answer {
+        Ok(answer) => answer,
+        Err(reason) => return Err(link.refused(&reason, follow_up).into()),
+    };
+    let more: Vec<_> = extra.into_iter().chain(link.explain(follow_up)).collect();
+    match (json, &more[..]) {
+        (true, _) => {
+            facts.extend(more);
             print_json(&object(&facts).into())
         }
-        (Some(Ok((text, _))), Some(extra)) => print_line(format_args!("{text}, {extra}")),
-        (Some(Ok((text, _))), None) => print_line(text),
-        (Some(Err(what)), _) => Err(Error::refused(link.name(), what)),
+        (false, []) => print_line(text),
+        (false, more) => print_line(format_args!("{text}, {}", line(more))),
     }
 }

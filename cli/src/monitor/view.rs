@@ -116,6 +116,10 @@ fn arm(model: &Model, width: usize) -> Part {
                 let first = values;
                 values += fact.items.len();
                 match fact.items.len() {
+                    _ if fact.has_one_text() => {
+                        let text = words_if_long(&fact.text.to_string(), NAME, width);
+                        lines.extend(wrapped(name(&fact.name), NAME, text, width));
+                    }
                     0..=MOST_LINES => {
                         lines.extend(
                             (first..)

@@ -1,9 +1,9 @@
-//! The xArm: joint positions and state.
+//! The xArm: joint positions, error, warning and state.
 
-use armwire::xarm::{Answer, Raw, Request, VersionText, XArm};
+use armwire::xarm::{Answer, Codes, Raw, Request, State, VersionText, XArm};
 use armwire_host::describe::{
-    Arm,
-    xarm::{POSITIONS, positions},
+    Arm, Fact,
+    xarm::{POSITIONS, codes, positions},
 };
 use armwire_host::{LineErrors, Link};
 
@@ -30,6 +30,18 @@ impl PolledXArm {
         })?;
         Ok(axes.flatten())
     }
+
+    /// The error and the warning of an arm in this state. They are read only if it has one.
+    fn read_codes(&mut self, state: State) -> Vec<Fact> {
+        if !state.has_codes() {
+            return codes(Some(Codes::NONE));
+        }
+        let explained = self.link.explain(Some(Codes::READ));
+        match explained.is_empty() {
+            true => codes(None),
+            false => explained,
+        }
+    }
 }
 
 impl Source for PolledXArm {
@@ -46,12 +58,15 @@ impl Source for PolledXArm {
             }
         };
         let request = Raw::new(POSITIONS, &[]).expect("the document does not have this register");
-        let news = self.link.call(&Request::Raw(request), |response| {
-            Answer::<Raw<'_>>::try_from(response).map_or(News::Nothing, |Answer { value, state }| {
-                News::Reading(positions(state, value.params(), axes), None)
-            })
+        let read = self.link.call(&Request::Raw(request), |response| {
+            let Answer { value, state } = Answer::<Raw<'_>>::try_from(response).ok()?;
+            Some((positions(state, value.params(), axes), state))
         })?;
-        Ok(news.unwrap_or(News::Nothing))
+        let Some((mut facts, state)) = read.flatten() else {
+            return Ok(News::Nothing);
+        };
+        facts.extend(self.read_codes(state));
+        Ok(News::Reading(facts, None))
     }
 
     fn line_errors(&self) -> LineErrors {

@@ -6,8 +6,8 @@ use std::process::{Command, Output};
 use std::thread;
 
 use armwire::xarm::{
-    MAX_FRAME, MAX_PARAMS, Raw, Register, Reply, Request, Response, RotationRadius, SerialsText, State, TorqueSource,
-    VersionText, XArm,
+    Codes, MAX_FRAME, MAX_PARAMS, Raw, Register, Reply, Request, Response, RotationRadius, SerialsText, State,
+    TorqueSource, VersionText, XArm,
 };
 use armwire::{Device, DeviceEvent};
 
@@ -56,7 +56,7 @@ fn leaked(bytes: impl Into<Vec<u8>>) -> &'static [u8] {
     bytes.into().leak()
 }
 
-/// An arm with the six registers of the document and register 42.
+/// An arm with the six registers of the document, and registers 15 and 42.
 fn arm(request: Request<'_>) -> Option<(State, Reply<'static>)> {
     let reply = match request {
         Request::ReadVersion => {
@@ -78,6 +78,7 @@ fn arm(request: Request<'_>) -> Option<(State, Reply<'static>)> {
             let params: Vec<u8> = radians.into_iter().flat_map(f32::to_le_bytes).collect();
             Reply::Raw(Raw::new(42, leaked(params)).unwrap())
         }
+        Codes::READ => Reply::Raw(Raw::new(15, &[0, 13]).unwrap()),
         Request::Raw(raw) => return Some((State::INVALID, Reply::empty(raw.register()))),
         other => panic!("{other:?}"),
     };
@@ -95,7 +96,7 @@ fn stdout(output: Output) -> String {
 
 #[test]
 fn each_request_of_an_xarm_can_be_made() {
-    let state = ", state: not ready to move, warning\n";
+    let state = ", state: not ready to move, warning, error: none, warning: 13 (unknown command)\n";
     for (args, answer) in [
         (
             &["version"][..],
@@ -180,6 +181,8 @@ fn info_shows_the_arm_and_its_state() {
             "firmware         v1.12.10",
             "serial           XI130004A1B2, control box AC130004A1B2",
             "torque           the servos' current, measured",
+            "error            none",
+            "warning          13 (unknown command)",
             "state            not ready to move, warning",
         ]
     );
@@ -213,7 +216,8 @@ fn monitor_shows_the_joints_the_arm_has() {
     for line in out.lines() {
         assert_eq!(line.matches('°').count(), 6, "{line}");
         assert!(line.contains("joints: +0.00° +28.65° -57.30°"), "{line}");
-        assert!(line.ends_with(", state: not ready to move, warning"), "{line}");
+        let end = ", state: not ready to move, warning, error: none, warning: 13 (unknown command)";
+        assert!(line.ends_with(end), "{line}");
     }
 }
 
@@ -226,7 +230,10 @@ fn monitor_shows_unknown_answers_as_bytes() {
         });
     });
     let out = stdout(output);
-    assert!(out.ends_with(" s  joints: register 42 01 02 03, state: ok\n"), "{out}");
+    assert!(
+        out.ends_with(" s  joints: register 42 01 02 03, state: ok, error: none, warning: none\n"),
+        "{out}"
+    );
 }
 
 #[test]
@@ -255,9 +262,68 @@ fn text_of_an_arm_is_escaped() {
 fn refusal_of_an_arm_is_reported() {
     let line = failure(&with_arm(&["call", "xarm", "HOST", "raw", "19", "01"]));
     assert!(
-        line.ends_with(": the arm refused register 19, or failed at it (state invalid)"),
+        line.ends_with(
+            ": the arm refused register 19, or failed at it (state invalid); error: none, warning: 13 (unknown command)"
+        ),
         "{line}"
     );
+}
+
+/// Runs a command against an arm in error that refuses every other request, and counts the reads of register 15.
+fn against_stuck_arm(args: &[&str], codes: &'static [u8]) -> (Output, usize) {
+    let mut reads = 0;
+    let output = run_against(args, |stream| {
+        answer(stream, |request| match request {
+            Codes::READ => {
+                reads += 1;
+                Some((State::ERROR, Reply::Raw(Raw::new(15, codes).unwrap())))
+            }
+            request => Some((State::INVALID | State::ERROR, Reply::empty(request.register().unwrap()))),
+        });
+    });
+    (output, reads)
+}
+
+#[test]
+fn refusal_names_error_and_warning_once() {
+    for (codes, text) in [
+        (
+            &[31, 11][..],
+            "error: 31 (abnormal current, caused by a collision), warning: 11 (command queue is full)",
+        ),
+        (&[77, 99], "error: 77, warning: 99"),
+        (
+            &[23, 0, 0x1B],
+            "error: 23 (joint angle exceeds its limit), warning: none",
+        ),
+    ] {
+        for request in [&["raw", "19", "01"][..], &["torque-source"], &["reboot"]] {
+            let (output, reads) = against_stuck_arm(&[&["call", "xarm", "HOST"], request].concat(), codes);
+            let line = failure(&output);
+            assert!(line.ends_with(&format!("(state invalid, error); {text}")), "{line}");
+            assert_eq!(reads, 1);
+        }
+    }
+}
+
+#[test]
+fn refusal_stands_alone_without_codes() {
+    let (output, _) = against_stuck_arm(&["call", "xarm", "HOST", "raw", "19", "01"], &[31]);
+    let line = failure(&output);
+    assert!(line.ends_with("failed at it (state invalid, error)"), "{line}");
+}
+
+#[test]
+fn codes_of_an_arm_are_numbers_in_json() {
+    let (output, reads) = against_stuck_arm(&["info", "--json", "--arm", "xarm", "HOST"], &[31, 99]);
+    let facts: serde_json::Value = serde_json::from_str(&stdout(output)).unwrap();
+    assert_eq!(facts["error"], 31);
+    assert_eq!(facts["error_meaning"], "abnormal current, caused by a collision");
+    assert_eq!(
+        (&facts["warning"], &facts["warning_meaning"]),
+        (&99.into(), &serde_json::Value::Null)
+    );
+    assert_eq!(reads, 1);
 }
 
 #[test]

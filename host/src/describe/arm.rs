@@ -64,6 +64,16 @@ pub trait Arm: Messages + Default {
         None
     }
 
+    /// The request whose answer explains a response that reports a refusal, an error or a warning.
+    fn follow_up(_response: &Self::Response<'_>) -> Option<Self::Request<'static>> {
+        None
+    }
+
+    /// The facts in the answer to [`follow_up`](Self::follow_up). Empty if it explains nothing.
+    fn explanation(_response: &Self::Response<'_>) -> Vec<Fact> {
+        Vec::new()
+    }
+
     /// The rest of a frame besides its message, in parentheses, such as its number.
     fn envelope(_frame: &[u8]) -> String {
         String::new()

@@ -57,6 +57,11 @@ impl Fact {
         Self { name, text, items }
     }
 
+    /// True for several values with one text.
+    pub fn has_one_text(&self) -> bool {
+        self.items.len() > 1 && self.items.iter().all(|item| item.name == self.name)
+    }
+
     /// The values of joints or servos from number 1, each with its words: `one` is such as `joint`, and `unit` is that of
     /// the values, while `shown` is that of the words.
     pub fn each(

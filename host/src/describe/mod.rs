@@ -86,6 +86,7 @@ mod tests {
             Reply::RotationRadius(RotationRadius { millimetres: 76.0 }),
             Reply::RotationRadius(RotationRadius { millimetres: f32::NAN }),
             Reply::SystemControl(1),
+            Reply::Raw(Raw::new(15, &[31, 77]).unwrap()),
             Reply::Raw(Raw::new(19, &[1, 2]).unwrap()),
         ];
         for state in [State::OK, State::WARNING, State::INVALID] {

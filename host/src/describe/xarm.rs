@@ -1,7 +1,7 @@
 //! The xArm.
 
 use armwire::Config;
-use armwire::xarm::{Frame, Register, Reply, Request, Response, State, VersionText, XArm};
+use armwire::xarm::{Codes, Frame, Raw, Register, Reply, Request, Response, State, VersionText, XArm};
 use serde_json::{Value, json};
 
 use super::arm::{Arm, Protocol};
@@ -27,7 +27,12 @@ impl Arm for XArm {
     const HEADER: usize = 4;
 
     fn info() -> Vec<Request<'static>> {
-        vec![Request::ReadVersion, Request::ReadSerials, Request::ReadTorqueSource]
+        vec![
+            Request::ReadVersion,
+            Request::ReadSerials,
+            Request::ReadTorqueSource,
+            Codes::READ,
+        ]
     }
 
     /// The facts in a reply, and the state. A refusal without more information has no state.
@@ -47,6 +52,34 @@ impl Arm for XArm {
             }
             other => vec![Fact::words("message", other)],
         }
+    }
+
+    /// The codes of register 15 have a line each.
+    fn facts_after(_known: &[Fact], response: &Response<'_>) -> Vec<Fact> {
+        match response {
+            Response::Reply { state, reply } if reply.register() == Codes::REGISTER => {
+                let mut facts = codes(codes_in(response));
+                if !state.contains(State::INVALID) {
+                    facts.push(Fact::words("state", state));
+                }
+                facts
+            }
+            _ => Self::facts(response),
+        }
+    }
+
+    fn follow_up(response: &Response<'_>) -> Option<Request<'static>> {
+        match response {
+            Response::Reply { state, reply } => {
+                let is_explained = state.contains(State::INVALID) || state.has_codes();
+                (is_explained && reply.register() != Codes::REGISTER).then_some(Codes::READ)
+            }
+            _ => None,
+        }
+    }
+
+    fn explanation(response: &Response<'_>) -> Vec<Fact> {
+        codes_in(response).map_or(Vec::new(), |known| codes(Some(known)))
     }
 
     fn refusal(response: &Response<'_>) -> Option<String> {
@@ -102,9 +135,49 @@ fn reply(reply: &Reply<'_>, state: State) -> Vec<Fact> {
             Fact::new("rotation radius", "rotation_radius_m", value, radius)
         }
         Reply::SystemControl(value) => Fact::words("system control", format_args!("value {value}")),
-        Reply::Raw(raw) => Fact::words(&format!("register {}", raw.register()), raw.values()),
+        Reply::Raw(raw) => return vec![self::raw(raw, reply)],
         other => Fact::words("message", other),
     }]
+}
+
+/// The parameters of a register without a type of its own, and the codes of register 15.
+fn raw(raw: &Raw<'_>, reply: &Reply<'_>) -> Fact {
+    let name = format!("register {}", raw.register());
+    let key = name.replace(' ', "_");
+    let values = json!(raw.values().to_string());
+    match Codes::try_from(*reply) {
+        Ok(codes) => Fact::of(
+            &name,
+            format_args!("{} ({codes})", raw.values()),
+            [
+                (key.as_str(), values),
+                ("error", json!(codes.error.0)),
+                ("warning", json!(codes.warning.0)),
+            ],
+        ),
+        Err(_) => Fact::new(&name, &key, values, raw.values()),
+    }
+}
+
+fn codes_in(response: &Response<'_>) -> Option<Codes> {
+    match response {
+        Response::Reply { state, reply } if !state.contains(State::INVALID) => Codes::try_from(*reply).ok(),
+        _ => None,
+    }
+}
+
+/// The error and the warning of an arm, each with its number and its meaning. Null if they are unknown.
+pub fn codes(codes: Option<Codes>) -> Vec<Fact> {
+    let fact = |name, known: Option<(u8, Option<&str>, String)>| {
+        let (number, meaning, text) = match known {
+            Some((number, meaning, text)) => (json!(number), json!(meaning), text),
+            None => (Value::Null, Value::Null, "not reported".to_owned()),
+        };
+        Fact::of(name, text, [(name, number), (&format!("{name}_meaning"), meaning)])
+    };
+    let error = codes.map(|Codes { error, .. }| (error.0, error.meaning(), error.to_string()));
+    let warning = codes.map(|Codes { warning, .. }| (warning.0, warning.meaning(), warning.to_string()));
+    vec![fact("error", error), fact("warning", warning)]
 }
 
 /// A version in words, or unchanged if it cannot be parsed.

@@ -13,6 +13,7 @@
 //! ```
 
 mod answer;
+mod codes;
 mod correlation;
 #[cfg(feature = "async")]
 mod driver;
@@ -26,6 +27,7 @@ mod text;
 mod value;
 
 pub use answer::Answer;
+pub use codes::{Codes, ErrorCode, WarningCode};
 pub use correlation::Key;
 #[cfg(feature = "async")]
 pub use driver::Arm;

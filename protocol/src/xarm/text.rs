@@ -5,7 +5,7 @@
 use core::fmt::{self, Display, Formatter};
 
 use super::{
-    Joint, Raw, Register, Reply, Request, Response, RotationRadius, State, TorqueSource, Version, VersionText,
+    Codes, Joint, Raw, Register, Reply, Request, Response, RotationRadius, State, TorqueSource, Version, VersionText,
 };
 use crate::hex::Hex;
 use crate::named::Named;
@@ -127,7 +127,7 @@ impl Display for Version<'_> {
     }
 }
 
-/// The name and value, for example `rotation radius: 0.25 m`.
+/// The name and value, for example `rotation radius: 0.25 m`. Register 15 has the meaning of its codes.
 impl Display for Reply<'_> {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
         match self {
@@ -140,7 +140,10 @@ impl Display for Reply<'_> {
             Self::TorqueSource(source) => write!(f, "torque: {source}"),
             Self::RotationRadius(radius) => write!(f, "rotation radius: {radius}"),
             Self::SystemControl(value) => write!(f, "system control: value {value}"),
-            Self::Raw(raw) => write!(f, "register {}: {}", raw.register(), raw.values()),
+            Self::Raw(raw) => {
+                write!(f, "register {}: {}", raw.register(), raw.values())?;
+                Codes::of(raw).map_or(Ok(()), |codes| write!(f, " ({codes})"))
+            }
         }
     }
 }

@@ -177,6 +177,11 @@ impl State {
     pub const fn contains(self, other: Self) -> bool {
         self.0 & other.0 == other.0
     }
+
+    /// True if the arm has an error or a warning. [`Codes`](super::Codes) names them.
+    pub const fn has_codes(self) -> bool {
+        self.contains(Self::ERROR) || self.contains(Self::WARNING)
+    }
 }
 
 impl BitOr for State {

@@ -2,18 +2,21 @@
 
 use std::mem;
 use std::ops::ControlFlow::{Break, Continue};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use armwire::messages::OtherAnswer;
 use armwire::{ErrorFrame, Event, ParseError};
 
 use super::Link;
 use super::line_client::BUFFER;
-use crate::describe::Arm;
+use crate::describe::{Arm, Fact, line};
 use crate::error::Error;
 use crate::error::received::{Missing, Received};
 use crate::ports::line::{Names, Reception};
 use crate::time::stopwatch::after;
+
+/// The longest wait for the explanation of a response: the xArm's timeout of its documented registers.
+const EXPLAINED_WITHIN: Duration = Duration::from_secs(2);
 
 /// The end of a call by an event of the client.
 enum End<T> {
@@ -123,10 +126,33 @@ impl<P: Arm> Link<P> {
     ///
     /// As of [`call`](Self::call), and [`Error::Refused`] if the arm reports a failure.
     pub fn send(&mut self, request: &P::Request<'_>) -> Result<(), Error> {
-        match self.call(request, |response| P::refusal(&response))?.flatten() {
-            Some(reason) => Err(Error::refused(self.name(), reason)),
+        let refusal = self.call(request, |response| {
+            P::refusal(&response).map(|reason| (reason, P::follow_up(&response)))
+        })?;
+        match refusal.flatten() {
+            Some((reason, follow_up)) => Err(self.refused(&reason, follow_up)),
             None => Ok(()),
         }
+    }
+
+    /// The error of a refused request, with the explanation that `follow_up` reads.
+    pub fn refused(&mut self, reason: &str, follow_up: Option<P::Request<'static>>) -> Error {
+        match line(&self.explain(follow_up)).as_str() {
+            "" => Error::refused(self.name(), reason),
+            explained => Error::refused(self.name(), format_args!("{reason}; {explained}")),
+        }
+    }
+
+    /// Reads the explanation of an earlier response. Empty without an answer in [`EXPLAINED_WITHIN`]: a failure here
+    /// would hide that response.
+    pub fn explain(&mut self, follow_up: Option<P::Request<'static>>) -> Vec<Fact> {
+        let Some(request) = follow_up else {
+            return Vec::new();
+        };
+        let until = after(EXPLAINED_WITHIN);
+        self.client.submit(&request);
+        let explained = self.complete(&request, |response| P::explanation(&response), Some(until));
+        explained.ok().flatten().unwrap_or_default()
     }
 
     /// Makes one call, and returns the value of its answer. A silent arm has the stale window to answer late.
@@ -154,11 +180,11 @@ impl<P: Arm> Link<P> {
     ) -> Result<T, Error> {
         let answer = self.call(request, |response| match P::refusal(&response) {
             None => Ok(take(response).ok_or_else(|| OtherAnswer { got: response }.to_string())),
-            Some(what) => Err(what),
+            Some(reason) => Err((reason, P::follow_up(&response))),
         });
         match answer {
             Ok(Some(Ok(Ok(value)))) => Ok(value),
-            Ok(Some(Err(reason))) => Err(Error::refused(self.name(), reason)),
+            Ok(Some(Err((reason, follow_up)))) => Err(self.refused(&reason, follow_up)),
             Ok(Some(Ok(Err(other)))) => Err(Error::unacceptable(self.name(), other)),
             Ok(None) => Err(Error::unacceptable(
                 self.name(),
