@@ -230,7 +230,21 @@ fn xarm_answers_have_values_and_the_state() {
             ok(Reply::Raw(Raw::new(19, &[1, 0xFE]).unwrap())),
             "register 19: 01 FE, state: ok",
         ),
-        (answer(State::INVALID, Reply::empty(250)), "register 250: no value"),
+        (
+            answer(State::INVALID, Reply::empty(250)),
+            "register 250: no value, state: invalid",
+        ),
+        (
+            answer(
+                State::INVALID,
+                Reply::RotationRadius(RotationRadius { millimetres: 0.0 }),
+            ),
+            "rotation radius: not reported (state invalid)",
+        ),
+        (
+            answer(State::INVALID, Reply::Raw(Raw::new(43, &[0, 0]).unwrap())),
+            "register 43: 00 00, state: invalid",
+        ),
     ]);
 }
 

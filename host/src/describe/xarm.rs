@@ -35,15 +35,18 @@ impl Arm for XArm {
         ]
     }
 
-    /// The facts in a reply, and the state. A refusal without more information has no state.
+    /// The facts in a reply, and the state. A refusal of a register with a type has no value.
     fn facts(response: &Response<'_>) -> Vec<Fact> {
         match response {
             Response::Heartbeat => vec![Fact::words("heartbeat", "")],
             Response::Reply { state, reply } => {
-                let mut facts = self::reply(reply, *state);
-                if !state.contains(State::INVALID) {
-                    facts.push(Fact::words("state", state));
+                if let Some(register) = Register::from_code(reply.register()).filter(|_| state.contains(State::INVALID))
+                {
+                    let text = format!("not reported (state {state})");
+                    return vec![Fact::words(&register.to_string(), text)];
                 }
+                let mut facts = self::reply(reply);
+                facts.push(Fact::words("state", state));
                 facts
             }
             Response::ModbusRefused { unit, function } => {
@@ -111,12 +114,11 @@ impl Arm for XArm {
     }
 }
 
-fn reply(reply: &Reply<'_>, state: State) -> Vec<Fact> {
+fn reply(reply: &Reply<'_>) -> Vec<Fact> {
     vec![match reply {
         Reply::Empty(register) => {
             let name = &register.to_string();
             match register {
-                _ if state.contains(State::INVALID) => Fact::words(name, format_args!("not reported (state {state})")),
                 Register::ReloadDynamics | Register::SystemControl => Fact::words(name, "done"),
                 _ => Fact::words(name, "no value"),
             }

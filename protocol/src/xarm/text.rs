@@ -156,7 +156,8 @@ fn version(f: &mut Formatter<'_>, text: VersionText<'_>) -> fmt::Result {
     }
 }
 
-/// The name and value, and the state of the arm. A refusal without more information has no state.
+/// The name and value, and the state of the arm. A refusal of a register with a type has no value, whatever its
+/// parameters are.
 ///
 /// ```
 /// use armwire::xarm::{Register, Reply, Response, State, TorqueSource};
@@ -171,10 +172,11 @@ impl Display for Response<'_> {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
         match self {
             Self::Heartbeat => f.write_str("heartbeat"),
-            Self::Reply { state, reply } => match (state.contains(State::INVALID), reply) {
-                (true, Reply::Empty(register)) => write!(f, "{register}: not reported (state {state})"),
-                (true, reply) => reply.fmt(f),
-                (false, reply) => write!(f, "{reply}, state: {state}"),
+            Self::Reply { state, reply } => match Register::from_code(reply.register()) {
+                Some(register) if state.contains(State::INVALID) => {
+                    write!(f, "{register}: not reported (state {state})")
+                }
+                _ => write!(f, "{reply}, state: {state}"),
             },
             Self::ModbusRefused { unit, function } => {
                 write!(f, "refused: no standard Modbus function {function}, unit {unit}")

@@ -3,9 +3,12 @@
 //! The document does not describe motion. Registers and codes are those of the vendor's Python SDK. This model assumes:
 //!
 //! * At power-on the arm is in state 4, with its motors off and its brakes on.
-//! * Motion requires all motors on, no error, mode 0 and a state below 4.
+//! * Motion requires all motors on, no error and a state below 4. There are two modes, and a move of the other one is
+//!   refused: 0, in which moves are queued, and 1, in which a target replaces the one before it.
 //! * Moves are queued. Each starts and ends at rest and is linear in joint space: the joint with the longest distance
-//!   follows speed and acceleration, and the others arrive with it.
+//!   follows speed and acceleration, and the others arrive with it. A blended move does not blend: it rests at its
+//!   target, too.
+//! * In mode 1 the joint with the longest distance has the maximum speed at once, without acceleration.
 //! * Pausing and stopping are instantaneous. A pause keeps the moves. A stop drops them, and so does an error, a change
 //!   of mode (state 5 follows) and a motor switched off (state 4 follows).
 //! * A move beyond a joint's limits is error 23. An error stops the arm until it is cleared. Requests during an error
@@ -30,10 +33,10 @@ pub(super) const MAX_ACCELERATION: f32 = 20.0;
 /// "Joint angle exceeds limit", in the words of the vendor's SDK.
 const JOINT_LIMIT: u8 = 23;
 
-/// The only mode with motion in this model: joint position.
+/// The mode of queued moves.
 const POSITION_MODE: u8 = 0;
-/// Number of modes in the vendor's SDK.
-const MODES: u8 = 7;
+/// The mode of targets that replace each other.
+const SERVO_MODE: u8 = 1;
 
 /// State of the controller.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -52,7 +55,7 @@ pub(super) struct Target {
     pub(super) joints: [f32; MAX_JOINTS],
     /// Speed of the joint with the longest distance, in radians per second, up to [`MAX_SPEED`].
     pub(super) speed: f32,
-    /// Acceleration of the same joint, in radians per second squared, up to [`MAX_ACCELERATION`].
+    /// Acceleration of the same joint, in radians per second squared, up to [`MAX_ACCELERATION`], or infinite.
     pub(super) acceleration: f32,
 }
 
@@ -81,7 +84,7 @@ impl Motion {
     }
 }
 
-/// A value is out of range, or the queue is full. The request had no effect.
+/// A value is out of range, the mode is another one, or the queue is full. The request had no effect.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Refused;
 
@@ -157,10 +160,25 @@ impl Body {
     /// Queues a move. A move while the arm cannot move is dropped.
     pub(super) fn go(&mut self, target: Target) -> Result<(), Refused> {
         let in_range = |value: f32, max: f32| value > 0.0 && value <= max;
-        let makes_sense = in_range(target.speed, MAX_SPEED)
-            && in_range(target.acceleration, MAX_ACCELERATION)
-            && target.joints.iter().all(|angle| angle.is_finite());
-        if !makes_sense {
+        if !in_range(target.speed, MAX_SPEED) || !in_range(target.acceleration, MAX_ACCELERATION) {
+            return Err(Refused);
+        }
+        self.enqueue(POSITION_MODE, target)
+    }
+
+    /// Replaces the target in servo mode. A target while the arm cannot move is dropped.
+    pub(super) fn follow(&mut self, joints: [f32; MAX_JOINTS]) -> Result<(), Refused> {
+        let target = Target {
+            joints,
+            speed: MAX_SPEED,
+            acceleration: f32::INFINITY,
+        };
+        self.enqueue(SERVO_MODE, target)
+    }
+
+    /// Takes a move of this mode, to begin after those that it does not replace.
+    fn enqueue(&mut self, mode: u8, target: Target) -> Result<(), Refused> {
+        if self.mode != mode || !target.joints.iter().all(|angle| angle.is_finite()) {
             return Err(Refused);
         }
         if !self.can_move() {
@@ -170,6 +188,10 @@ impl Body {
         if limits.any(|(&(min, max), angle)| !(min..=max).contains(&angle)) {
             self.set_error(JOINT_LIMIT);
             return Ok(());
+        }
+        if mode == SERVO_MODE {
+            self.motion = None;
+            self.waiting.clear();
         }
         if self.moves() == MAX_MOVES {
             return Err(Refused);
@@ -217,8 +239,9 @@ impl Body {
         Ok(())
     }
 
+    /// Sets the mode. Modes that this model cannot run are refused.
     pub(super) fn set_mode(&mut self, mode: u8) -> Result<(), Refused> {
-        if mode > MODES {
+        if !matches!(mode, POSITION_MODE | SERVO_MODE) {
             return Err(Refused);
         }
         self.mode = mode;
@@ -264,10 +287,7 @@ impl Body {
     }
 
     pub(super) fn can_move(&self) -> bool {
-        self.motors == self.all_motors()
-            && self.error == 0
-            && self.mode == POSITION_MODE
-            && matches!(self.phase, Phase::Ready | Phase::Paused)
+        self.motors == self.all_motors() && self.error == 0 && matches!(self.phase, Phase::Ready | Phase::Paused)
     }
 
     /// Returns 1 in motion, 2 at rest, 3 paused, 4 stopped, 5 stopped by a setting.

@@ -16,14 +16,21 @@
 //! | 14 | | moves queued or in progress, `u16` |
 //! | 15 | | error, warning |
 //! | 16, 17 | | clear the error, the warning |
-//! | 19 | mode, optionally 0 or 1 | |
+//! | 19 | mode 0, queued moves, or 1, servo; optionally 0 or 1 | |
 //! | 23 | ten `f32`: seven joints in rad, speed in rad/s, acceleration in rad/s², an ignored time | |
+//! | 24 | as 23, with a blending radius in place of the time: the arm does not blend | |
+//! | 25 | three `f32`: speed, acceleration and an ignored time of a move to zero | |
+//! | 29 | ten `f32`: seven joints in rad, and three ignored | |
 //! | 41, 91 | | six `f32`: x, y, z in mm; 41: roll, pitch, yaw in rad; 91: the same as a rotation vector |
 //! | 42 | optionally 1, 2 or 3 | seven `f32`: joints in rad; from 2 also rad/s; with 3 also torques |
 //! | 55 | | seven `f32`: torques |
 //! | 70 | 0 or 1 | selects the source of the reported torque; register 5 returns it |
 //!
-//! Any other register, and invalid parameters, get an answer with the state bit "invalid" and have no other effect.
+//! Registers 23 to 25 are those of mode 0, and 29 is that of mode 1.
+//!
+//! Any other register, and invalid parameters, get an answer with the state bit "invalid" and have no other effect. Its
+//! parameters are [`PADDING`] zeros: the SDK decodes the numbers of an answer before it looks at the state, and raises
+//! an exception if there are none.
 
 mod body;
 mod geometry;
@@ -37,7 +44,7 @@ mod tests;
 use armwire::ParseError;
 use armwire::time::Instant;
 use armwire::xarm::{
-    Raw, Reply, Request, Response, RotationRadius, SerialsText, State, TEXT, TorqueSource, VersionText,
+    Raw, Register, Reply, Request, Response, RotationRadius, SerialsText, State, TEXT, TorqueSource, VersionText,
 };
 
 use body::{Body, Refused, Target};
@@ -46,6 +53,10 @@ pub use geometry::Model;
 pub use report::REPORT;
 #[cfg(unix)]
 pub use server::{BindError, Notice, Port, Served, Server};
+
+/// Number of parameters of a refused register that is not in the document, all zero. The SDK's longest list of numbers,
+/// of register 67, has 28 `f32`.
+pub const PADDING: usize = 28 * 4;
 
 /// Registers that are not in the document.
 mod register {
@@ -60,6 +71,9 @@ mod register {
     pub(super) const CLEAR_WARNING: u8 = 17;
     pub(super) const SET_MODE: u8 = 19;
     pub(super) const MOVE_JOINTS: u8 = 23;
+    pub(super) const MOVE_JOINTS_BLENDED: u8 = 24;
+    pub(super) const MOVE_HOME: u8 = 25;
+    pub(super) const SERVO_JOINTS: u8 = 29;
     pub(super) const READ_POSE: u8 = 41;
     pub(super) const READ_JOINTS: u8 = 42;
     pub(super) const READ_TORQUES: u8 = 55;
@@ -216,25 +230,34 @@ impl VirtualXArm {
             // A request of a later version of the document.
             _ => Err(Refused),
         };
-        let state = match (request, &reply) {
-            (Request::Shutdown | Request::Reboot, _) => before,
-            (_, Ok(_)) => self.state(),
-            (_, Err(Refused)) => self.state() | State::INVALID,
-        };
-        Some(Response::Reply {
-            state,
-            reply: reply.unwrap_or(Reply::empty(register)),
+        Some(match (request, reply) {
+            (Request::Shutdown | Request::Reboot, Ok(reply)) => Response::Reply { state: before, reply },
+            (_, Ok(reply)) => Response::Reply {
+                state: self.state(),
+                reply,
+            },
+            (_, Err(Refused)) => self.refused(register),
         })
+    }
+
+    /// Returns the refusal of a request of this register.
+    fn refused(&self, register: u8) -> Response<'static> {
+        let reply = match Reply::empty(register) {
+            Reply::Empty(Register::RotationRadius) => Reply::RotationRadius(RotationRadius { millimetres: 0.0 }),
+            Reply::Empty(register) => Reply::Empty(register),
+            _ => Raw::new(register, &[0; PADDING]).map_or(Reply::empty(register), Reply::Raw),
+        };
+        Response::Reply {
+            state: self.state() | State::INVALID,
+            reply,
+        }
     }
 
     /// Returns the answer to a valid frame that is no request. `None` if the frame has no register.
     pub fn refuse(&mut self, now: Instant, error: &ParseError) -> Option<Response<'static>> {
         self.advance(now);
         Some(match Response::refusal(error)? {
-            Response::Reply { state, reply } => Response::Reply {
-                state: state | self.state(),
-                reply,
-            },
+            Response::Reply { reply, .. } => self.refused(reply.register()),
             other => other,
         })
     }
@@ -279,7 +302,41 @@ impl VirtualXArm {
             (register::SET_MOTOR, &[joint, on @ (0 | 1)]) => body.set_motor(joint, on == 1).map(|()| done)?,
             (register::SET_STATE, &[state]) => body.set_state(state).map(|()| done)?,
             (register::SET_MODE, &[mode] | &[mode, 0 | 1]) => body.set_mode(mode).map(|()| done)?,
-            (register::MOVE_JOINTS, params) => body.go(target(params).ok_or(Refused)?).map(|()| done)?,
+            (register::MOVE_JOINTS, params) => {
+                let [joints @ .., speed, acceleration, _time] = numbers::<10>(params)?;
+                body.go(Target {
+                    joints,
+                    speed,
+                    acceleration,
+                })
+                .map(|()| done)?
+            }
+            (register::MOVE_JOINTS_BLENDED, params) => {
+                let [joints @ .., speed, acceleration, radius] = numbers::<10>(params)?;
+                if !(radius.is_finite() && radius >= 0.0) {
+                    return Err(Refused);
+                }
+                body.go(Target {
+                    joints,
+                    speed,
+                    acceleration,
+                })
+                .map(|()| done)?
+            }
+            (register::MOVE_HOME, params) => {
+                let [speed, acceleration, _time] = numbers(params)?;
+                let joints = [0.0; 7];
+                body.go(Target {
+                    joints,
+                    speed,
+                    acceleration,
+                })
+                .map(|()| done)?
+            }
+            (register::SERVO_JOINTS, params) => {
+                let [joints @ .., _speed, _acceleration, _time] = numbers::<10>(params)?;
+                body.follow(joints).map(|()| done)?
+            }
             (register::CLEAR_ERROR, []) => {
                 body.set_error(0);
                 done
@@ -305,21 +362,13 @@ impl VirtualXArm {
     }
 }
 
-/// Parses the parameters of a move: joints, speed, acceleration, and an ignored time.
-fn target(params: &[u8]) -> Option<Target> {
-    let (values, rest) = params.as_chunks();
-    let values = values
-        .iter()
-        .map(|&bytes| f32::from_le_bytes(bytes))
-        .collect::<Vec<_>>();
-    match (&values[..], rest) {
-        (&[ref joints @ .., speed, acceleration, _time], []) => Some(Target {
-            joints: joints.try_into().ok()?,
-            speed,
-            acceleration,
-        }),
-        _ => None,
-    }
+/// Parses little-endian `f32`.
+fn numbers<const N: usize>(params: &[u8]) -> Result<[f32; N], Refused> {
+    let (values, []) = params.as_chunks() else {
+        return Err(Refused);
+    };
+    let values: [[u8; 4]; N] = values.try_into().map_err(|_| Refused)?;
+    Ok(values.map(f32::from_le_bytes))
 }
 
 /// Encodes position and orientation of the flange.

@@ -14,10 +14,12 @@ pub(super) struct Profile {
 }
 
 impl Profile {
-    /// Computes a profile. All values are positive and finite; the distance may be zero.
+    /// Computes a profile. All values are positive and finite, but the distance may be zero, and the acceleration
+    /// infinite.
     pub(super) fn new(distance: f64, speed: f64, acceleration: f64) -> Self {
         Self {
             distance,
+            // An infinite acceleration over no distance is no number: `min` takes the speed.
             peak: speed.min((distance * acceleration).sqrt()),
             acceleration,
         }
@@ -80,9 +82,20 @@ mod tests {
 
     #[test]
     fn zero_distance_takes_no_time() {
-        let none = Profile::new(0.0, 1.0, 1.0);
-        assert_eq!(none.duration(), Duration::ZERO);
-        assert_eq!(none.at(Duration::ZERO), (1.0, 0.0));
+        for acceleration in [1.0, f64::INFINITY] {
+            let none = Profile::new(0.0, 1.0, acceleration);
+            assert_eq!(none.duration(), Duration::ZERO);
+            assert_eq!(none.at(Duration::ZERO), (1.0, 0.0));
+        }
+    }
+
+    #[test]
+    fn infinite_acceleration_is_a_constant_speed() {
+        let profile = Profile::new(2.0, 4.0, f64::INFINITY);
+        assert_eq!(profile.duration(), Duration::from_millis(500));
+        assert_eq!(profile.at(Duration::ZERO), (0.0, 2.0));
+        assert_eq!(profile.at(Duration::from_millis(125)), (0.25, 2.0));
+        assert_eq!(profile.at(Duration::from_millis(500)), (1.0, 0.0));
     }
 
     proptest! {

@@ -127,8 +127,9 @@ fn unknown_register_is_invalid_without_effect() {
     let mut arm = ready();
     let before = arm.report(Instant::ZERO);
     let nan = move_to(f32::NAN, 1.0, 1.0);
+    let negative = [&move_to(0.1, 1.0, 1.0)[..36], &(-1.0_f32).to_le_bytes()].concat();
     let (fast, slow, still) = (move_to(0.1, 3.2, 1.0), move_to(0.1, -1.0, 1.0), move_to(0.1, 1.0, 0.0));
-    let wrong: [(u8, &[u8]); 22] = [
+    let wrong: [(u8, &[u8]); 27] = [
         (0, &[]),
         (8, &[]),
         (255, &[1, 2, 3]),
@@ -141,6 +142,7 @@ fn unknown_register_is_invalid_without_effect() {
         (12, &[1]),
         (12, &[]),
         (13, &[0]),
+        (19, &[2]),
         (19, &[8]),
         (19, &[0, 2]),
         (42, &[0]),
@@ -151,16 +153,23 @@ fn unknown_register_is_invalid_without_effect() {
         (23, &slow),
         (23, &still),
         (23, &[0; 39]),
+        (24, &negative),
+        (24, &slow),
+        (25, &[0; 12]),
+        (29, &move_to(0.1, 1.0, 1.0)),
     ];
     for (register, params) in wrong {
         assert_eq!(
             raw(&mut arm, Instant::ZERO, register, params),
-            (State::INVALID, vec![]),
+            (State::INVALID, vec![0; PADDING]),
             "{register}"
         );
     }
     let seventh = Request::ReadRotationRadius(Joint::new(7).unwrap());
-    let refused = (State::INVALID, Reply::Empty(Register::RotationRadius));
+    let refused = (
+        State::INVALID,
+        Reply::RotationRadius(RotationRadius { millimetres: 0.0 }),
+    );
     assert_eq!(call(&mut arm, Instant::ZERO, seventh), refused);
     assert_eq!(arm.report(Instant::ZERO), before);
 }
@@ -168,9 +177,9 @@ fn unknown_register_is_invalid_without_effect() {
 #[test]
 fn invalid_parameters_are_reported_besides_other_errors() {
     let mut arm = arm();
-    for (body, register) in [
-        (&[6, 8][..], Register::RotationRadius),
-        (&[10, 3], Register::SystemControl),
+    for (body, reply) in [
+        (&[6, 8][..], Reply::RotationRadius(RotationRadius { millimetres: 0.0 })),
+        (&[10, 3], Reply::Empty(Register::SystemControl)),
     ] {
         let frame = Frame {
             transaction: 0x1234,
@@ -180,7 +189,7 @@ fn invalid_parameters_are_reported_besides_other_errors() {
         let error = XArm::PRIVATE.parse_request(&bytes_of(frame)).unwrap_err();
         let expected = Response::Reply {
             state: State::INVALID | State::NOT_READY,
-            reply: Reply::Empty(register),
+            reply,
         };
         assert_eq!(arm.refuse(Instant::ZERO, &error), Some(expected));
     }
@@ -213,15 +222,79 @@ fn readiness_needs_motors_mode_and_state() {
         raw(&mut arm, now, 11, &[joint, 1]);
     }
     assert_eq!((arm.state(), read(&mut arm, now, 13)), (State::OK, vec![2]));
-    // Another mode stops the arm and prevents motion.
+    // Another mode stops the arm.
     assert_eq!(raw(&mut arm, now, 19, &[1, 0]).0, State::NOT_READY);
     assert_eq!(read(&mut arm, now, 13), [5]);
-    assert_eq!(raw(&mut arm, now, 12, &[0]).0, State::NOT_READY);
-    assert_eq!(raw(&mut arm, now, 19, &[0]).0, State::NOT_READY);
     assert_eq!(raw(&mut arm, now, 12, &[0]).0, State::OK);
     // A motor that is switched off does the same.
     assert_eq!(raw(&mut arm, now, 11, &[3, 0]).0, State::NOT_READY);
     assert_eq!(read(&mut arm, now, 13), [4]);
+}
+
+#[test]
+fn every_mode_is_run_or_refused() {
+    let home = [1.0_f32, 1.0, 0.0].map(f32::to_le_bytes).concat();
+    let to = move_to(-0.5, 1.0, 1.0);
+    // The angle at which each move ends.
+    let moves = [(23, &to, -0.5), (24, &to, -0.5), (25, &home, 0.0), (29, &to, -0.5)];
+    // The moves of each mode. Modes without a move are refused.
+    let run = [(0, &[23, 24, 25][..]), (1, &[29])];
+    for mode in 0..=u8::MAX {
+        let runs = run
+            .iter()
+            .find(|(runs, _)| *runs == mode)
+            .map_or(&[][..], |(_, moves)| moves);
+        for (register, params, end) in moves {
+            let mut arm = ready();
+            // Away from zero, where a move to zero would not show.
+            raw(&mut arm, Instant::ZERO, 23, &move_to(-0.25, 3.0, 20.0));
+            let mut now = seconds(5.0);
+            let is_refused = raw(&mut arm, now, 19, &[mode]).0.contains(State::INVALID);
+            assert_eq!(is_refused, runs.is_empty(), "mode {mode}");
+            if is_refused {
+                continue;
+            }
+            assert_eq!(raw(&mut arm, now, 12, &[0]).0, State::OK, "mode {mode}");
+            let state = raw(&mut arm, now, register, params).0;
+            now = seconds(10.0);
+            arm.advance(now);
+            let expected = match runs.contains(&register) {
+                true => (State::OK, end),
+                false => (State::INVALID, -0.25),
+            };
+            assert_eq!(
+                (state, arm.joints()[0] as f32),
+                expected,
+                "mode {mode}, register {register}"
+            );
+            assert_eq!(read(&mut arm, now, 13), [2]);
+        }
+    }
+}
+
+#[test]
+fn servo_target_replaces_the_one_before() {
+    let mut arm = ready();
+    raw(&mut arm, Instant::ZERO, 19, &[1]);
+    raw(&mut arm, Instant::ZERO, 12, &[0]);
+    let to = |angle| move_to(angle, 0.0, 0.0);
+    raw(&mut arm, Instant::ZERO, 29, &to(-1.0));
+    arm.advance(seconds(0.1));
+    assert!((arm.velocities()[0] + f64::from(body::MAX_SPEED)).abs() < 1e-6);
+    // At a tenth of a second the joint turns back: it is at its target as long after.
+    raw(&mut arm, seconds(0.1), 29, &to(0.0));
+    assert_eq!(read(&mut arm, seconds(0.1), 14), [0, 1]);
+    arm.advance(seconds(0.21));
+    assert_eq!((arm.joints()[0], arm.velocities()[0]), (0.0, 0.0));
+    // A pause keeps the last target, and a limit is an error.
+    raw(&mut arm, seconds(1.0), 12, &[3]);
+    raw(&mut arm, seconds(1.0), 29, &to(-1.0));
+    raw(&mut arm, seconds(1.0), 29, &to(-0.5));
+    raw(&mut arm, seconds(2.0), 12, &[0]);
+    arm.advance(seconds(3.0));
+    assert_eq!(arm.joints()[0], -0.5);
+    raw(&mut arm, seconds(3.0), 29, &to(7.0));
+    assert_eq!(read(&mut arm, seconds(3.0), 15), [23, 0]);
 }
 
 #[test]

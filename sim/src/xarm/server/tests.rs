@@ -135,7 +135,7 @@ fn heartbeats_and_refused_modbus_keep_the_connection() {
         write(&client, &[0, 7, 0, 0, 0, 6, 1, 3, 0, 0, 0, 2]);
         assert_eq!(read(&client), [0, 7, 0, 0, 0, 3, 1, 0x83, 1]);
         write(&client, &[0, 8, 0, 3, 0, 2, 6, 9]);
-        assert_eq!(read(&client), [0, 8, 0, 3, 0, 2, 6, 0x18]);
+        assert_eq!(read(&client), [0, 8, 0, 3, 0, 6, 6, 0x18, 0, 0, 0, 0]);
         write(&client, &STATE);
         assert_eq!(read(&client), STATE_ANSWER);
     });
