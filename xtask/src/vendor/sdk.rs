@@ -8,16 +8,19 @@ use crate::board::Board;
 use crate::cargo::{cargo, target_dir};
 use crate::examples::install_emulator;
 use crate::process;
+use crate::workspace::root;
 
-/// Runs the SDK of the xArm. The script starts virtual arms.
+/// Runs the SDK of the xArm. The scripts start virtual arms.
 ///
 /// # Errors
 ///
-/// If the SDK reads a wrong value, or a timeout is exceeded.
+/// If the SDK reads a wrong value, a page has another result of a method, or a timeout is exceeded.
 pub(crate) fn drive_xarm() -> Result<()> {
     let python = python()?;
     process::run(&mut cargo("build --package armwire-cli"))?;
-    python.run("xarm_drive.py", &[&target_dir()?.join("debug/armwire")])
+    let armwire = target_dir()?.join("debug/armwire");
+    python.run("xarm_drive.py", &[&armwire])?;
+    python.run("xarm_methods.py", &[&armwire, &root().join("docs/vendor-sdk.md")])
 }
 
 /// Runs the SDK of the Ling arm, with a virtual arm behind the serial port of a virtual board, and of an emulated Pico.
