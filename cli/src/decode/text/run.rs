@@ -279,28 +279,44 @@ fn is_named(tokens: &[Token<'_>], run: &Run<'_>) -> bool {
 
 /// The bytes of decimal numbers behind a direction, up to the end of the line. One of them has three digits, here or in
 /// an earlier line.
-fn decimals(tokens: &[Token<'_>], habits: &mut Habits) -> Option<Found> {
-    let mut words = Vec::new();
-    let (at, from) = direction(tokens, tokens.len())?;
-    let rest = &tokens[at + 1..];
-    let start = rest.iter().position(|token| !is_between(std::slice::from_ref(token)))?;
-    for token in &rest[start..] {
-        match token {
-            Token::Word(word) => words.push(word.text),
-            Token::Comma => {}
-            Token::Mark(_) | Token::Arrow(_) => return None,
-        }
-    }
+fn decimals(tokens: &[Token<'_>], habits: &mut Habits) -> Result<Option<Found>, Doubt> {
+    let Some((at, from)) = direction(tokens, tokens.len()) else {
+        return Ok(None);
+    };
+    let Some(words) = numbers_behind(&tokens[at + 1..]) else {
+        return Ok(None);
+    };
     let bytes: Option<Vec<u8>> = words.iter().map(|word| decimal(word)).collect();
     let is_decimal = habits.has_decimals || words.iter().any(|word| word.len() == 3);
-    let bytes = bytes.filter(|bytes| is_decimal && !bytes.is_empty())?;
+    let Some(bytes) = bytes.filter(|bytes| is_decimal && !bytes.is_empty()) else {
+        return Ok(None);
+    };
+    let before = direction(tokens, at).and_then(|(before, _)| numbers_behind(&tokens[before + 1..at]));
+    let is_byte = |word: &&str| decimal(word).is_some();
+    if before.is_some_and(|words| words.len() >= MIN_RUN && words.iter().all(is_byte)) {
+        return Err(two_runs());
+    }
     habits.has_decimals = true;
-    Some(Found::new(Some(from), bytes))
+    Ok(Some(Found::new(Some(from), bytes)))
+}
+
+/// The words behind a direction, if only commas are between them.
+fn numbers_behind<'a>(tokens: &[Token<'a>]) -> Option<Vec<&'a str>> {
+    let start = tokens
+        .iter()
+        .position(|token| !is_between(std::slice::from_ref(token)))?;
+    let words = tokens[start..].iter().filter(|token| !matches!(token, Token::Comma));
+    words
+        .map(|token| match token {
+            Token::Word(word) => Some(word.text),
+            _ => None,
+        })
+        .collect()
 }
 
 /// The bytes in hexadecimal.
 pub(super) fn find(line: &str, tokens: &[Token<'_>], habits: &mut Habits) -> Result<Option<Found>, Doubt> {
-    if let Some(found) = decimals(tokens, habits) {
+    if let Some(found) = decimals(tokens, habits)? {
         return Ok(Some(found));
     }
     let runs = runs(tokens, habits)?;
@@ -308,6 +324,9 @@ pub(super) fn find(line: &str, tokens: &[Token<'_>], habits: &mut Habits) -> Res
         .filter(|(at, _)| runs.iter().any(|run| run.at > *at))
         .map(|(at, from)| (at + 1, from));
     let (start, from) = direction.map_or((0, None), |(at, from)| (at, Some(from)));
+    if runs.iter().any(|run| run.at < start && may_be_message(tokens, run)) {
+        return Err(two_runs());
+    }
     let mut found: Option<Run<'_>> = None;
     for mut run in runs.into_iter().filter(|run| run.at >= start) {
         let next = tokens.get(run.end);
@@ -337,11 +356,11 @@ pub(super) fn find(line: &str, tokens: &[Token<'_>], habits: &mut Habits) -> Res
             if before.bytes().len() >= MIN_RUN && run.bytes().len() == 1 {
                 continue;
             }
-            if tokens[before.end..run.at].contains(&Token::Mark('|')) {
+            let is_behind_bar = tokens[before.end..run.at].contains(&Token::Mark('|'));
+            if is_behind_bar && !may_be_message(tokens, &run) {
                 continue;
             }
-            let text = "two runs of bytes are in the line, and either may be a part of the prefix";
-            return Err(Doubt::new("ambiguous bytes", text));
+            return Err(two_runs());
         }
         check_first(&mut run, is_apart || is_named, habits)?;
         found = Some(run);
@@ -354,6 +373,25 @@ pub(super) fn find(line: &str, tokens: &[Token<'_>], habits: &mut Habits) -> Res
     let is_alone = run.at == 0;
     let bytes = run.bytes();
     Ok(Some(Found { from, bytes, is_alone }))
+}
+
+/// Returns true for a run that may be a frame before another one, and is no offset, heading, address or time.
+fn may_be_message(tokens: &[Token<'_>], run: &Run<'_>) -> bool {
+    let next = tokens.get(run.end);
+    let is_prefix = match run.words[..] {
+        [word] => {
+            let is_plain = !word.text.contains([':', '-']);
+            let is_before_arrow = matches!(next, Some(Token::Arrow(_)));
+            run.is_weak() || is_plain && !is_before_arrow && !is_named(tokens, run)
+        }
+        _ => run.is_heading() || run.words.iter().all(|word| is_time(word.text)),
+    };
+    run.bytes().len() >= MIN_RUN && !run.is_offset(next) && !is_prefix
+}
+
+fn two_runs() -> Doubt {
+    let text = "two runs of bytes are in the line, and either may be a part of the prefix";
+    Doubt::new("ambiguous bytes", text)
 }
 
 /// Leaves out the words of a column of characters, and an offset that the column does not show. Returns true if there is

@@ -356,6 +356,22 @@ fn ambiguous_text_is_refused_with_both_readings() {
 }
 
 #[test]
+fn two_frames_in_a_line_are_ambiguous() {
+    for line in [
+        "1 TX: AA 06 00 01 FE 9A FF RX: AA 04 0E 01 01 96 FF",
+        "12:00:00 AA 06 00 01 FE 9A FF -> AA 04 0E 01 01 96 FF",
+        "12:00:00 AA060001FE9AFF -> AA040E010196FF",
+        "TX: AA060001FE9AFF RX: AA040E010196FF",
+        "TX: AA-06-00-01-FE-9A-FF / RX: AA-04-0E-01-01-96-FF",
+        "RX: AA 04 0E 01 01 96 FF | AA 04 0E 01 01 96 FF",
+        "TX: 170 6 0 1 254 154 255 RX: 170 4 14 1 1 150 255",
+    ] {
+        let (sum, _) = sum(&format!("RX: AA 04 0E 01 01 96 FF\n{line}\n"), None);
+        assert!(sum.ends_with("not understood: 1 (ambiguous bytes: 1)"), "{line}: {sum}");
+    }
+}
+
+#[test]
 fn lines_without_bytes_are_skipped() {
     for text in [
         "opening port\nconnected at 1000000 baud\nRX: AA 06 00 01 FE 9A FF (7 bytes)\n12 items be added\n",
