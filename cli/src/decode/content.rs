@@ -47,9 +47,30 @@ fn content_of_one_byte(bytes: &[u8], is_all: bool) -> Content {
 /// The first line that is not blank, its number, and true if its end was read.
 pub(super) fn first_line(text: &[u8]) -> (u64, &[u8], bool) {
     let is_blank = |line: &[u8]| line.iter().all(u8::is_ascii_whitespace);
-    let mut lines = text.split_inclusive(|&byte| byte == b'\n').zip(1..);
-    match lines.find(|(line, _)| !is_blank(line)) {
-        Some((line, number)) => (number, line, line.ends_with(b"\n")),
+    match (1..).zip(lines(text)).find(|(_, line)| !is_blank(line)) {
+        Some((number, line)) => (number, line, is_ended(line)),
         None => (1, &[], false),
     }
+}
+
+/// The lines of a text, with their ends.
+pub(super) fn lines(text: &[u8]) -> impl Iterator<Item = &[u8]> + Clone {
+    let mut rest = text;
+    std::iter::from_fn(move || {
+        let end = rest.iter().position(ends_line).map_or(rest.len(), |end| end + 1);
+        let end = end + usize::from(rest[..end].ends_with(b"\r") && rest[end..].starts_with(b"\n"));
+        let (line, behind) = rest.split_at(end);
+        rest = behind;
+        (!line.is_empty()).then_some(line)
+    })
+}
+
+/// Returns true if a line has its end.
+pub(super) fn is_ended(line: &[u8]) -> bool {
+    line.last().is_some_and(ends_line)
+}
+
+/// Returns true for a byte that ends a line. A line feed behind a carriage return is a part of the same end.
+pub(super) fn ends_line(byte: &u8) -> bool {
+    matches!(byte, b'\n' | b'\r')
 }

@@ -2,7 +2,7 @@
 
 #[cfg(feature = "recordings")]
 use super::capture;
-use super::content::{Content, content, first_line};
+use super::content::{Content, content, first_line, is_ended, lines};
 use super::format::Format;
 use super::input::{BYTE_ORDER_MARK, Head};
 use super::lines::LineReader;
@@ -107,9 +107,9 @@ pub(super) fn detect(head: &mut Head<'_>) -> Result<Format, Error> {
 pub(super) fn dump_order(head: &mut Head<'_>) -> Result<dump::Order, Error> {
     let mut is_all = false;
     loop {
-        let text = String::from_utf8_lossy(head.bytes().strip_prefix(BYTE_ORDER_MARK).unwrap_or(head.bytes()));
-        let ended = text.split_inclusive('\n').filter(|line| is_all || line.ends_with('\n'));
-        match dump::order((1..).zip(ended), is_all) {
+        let text = head.bytes().strip_prefix(BYTE_ORDER_MARK).unwrap_or(head.bytes());
+        let text = String::from_utf8_lossy(text);
+        match dump::order((1..).zip(ended_lines(&text, is_all)), is_all) {
             Ok(Some(order)) => return Ok(order),
             Ok(None) => is_all = !head.read_more()?,
             Err((number, line, reason)) => return Err(head.refused_line(number, &line, &reason)),
@@ -193,7 +193,7 @@ fn judge_marks(bytes: &[u8], is_all: bool) -> Option<Option<Format>> {
 /// The verdict on text that is no log of a CAN bus, by its first line that has bytes, and the line behind it.
 fn judge_lines(text: &[u8], is_all: bool) -> Verdict {
     let text = String::from_utf8_lossy(text);
-    let ended = text.split_inclusive('\n').filter(|line| is_all || line.ends_with('\n'));
+    let ended = ended_lines(&text, is_all);
     let mut lines = (1..).zip(ended).filter(|(_, line)| !line.trim().is_empty());
     let mut log = logged::Log::default();
     let mut first = None;
@@ -230,6 +230,13 @@ fn judge_lines(text: &[u8], is_all: bool) -> Verdict {
         },
         _ => Verdict::Unknown,
     }
+}
+
+/// The lines of a text up to one that may go on.
+fn ended_lines(text: &str, is_all: bool) -> impl Iterator<Item = &str> + Clone {
+    let lines = lines(text.as_bytes()).filter(move |line| is_all || is_ended(line));
+    // The ends are characters: a part between them is UTF-8.
+    lines.map(|line| std::str::from_utf8(line).unwrap_or_default())
 }
 
 fn not_bytes(word: &str) -> String {

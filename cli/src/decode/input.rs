@@ -3,6 +3,7 @@
 use std::borrow::Cow;
 use std::io::{self, BufRead, BufReader, Chain, Cursor, ErrorKind, Read};
 
+use super::content::ends_line;
 use super::output::Output;
 use super::packed::Unpacked;
 use crate::error::Error;
@@ -75,6 +76,7 @@ impl<'a> Head<'a> {
             lines: 0,
             line: Vec::new(),
             is_cut: false,
+            is_behind_return: false,
         }
     }
 
@@ -110,6 +112,8 @@ pub(super) struct Input<'a> {
     line: Vec<u8>,
     /// The last line was cut, and its rest is not skipped yet.
     is_cut: bool,
+    /// The last line ended with a carriage return. A line feed behind it is a part of the same end.
+    is_behind_return: bool,
 }
 
 /// One line of text, without its end.
@@ -131,10 +135,9 @@ impl Input<'_> {
 
     /// The next line, if there is one. At most `max` bytes of it are kept.
     pub(super) fn line_up_to(&mut self, max: usize) -> Result<Option<Line<'_>>, Error> {
-        self.line.clear();
         let read = self.read_line(max);
-        let is_ended = self.line.pop_if(|byte| *byte == b'\n').is_some();
-        if read.map_err(|error| self.failed(error))? == 0 {
+        let is_ended = read.map_err(|error| self.failed(error))?;
+        if !is_ended && self.line.is_empty() {
             return Ok(None);
         }
         self.lines += 1;
@@ -148,14 +151,42 @@ impl Input<'_> {
         }))
     }
 
-    /// Reads a line and its end, after the rest of a line that was cut. Of a longer line it reads one byte more than is
-    /// kept.
-    fn read_line(&mut self, max: usize) -> io::Result<usize> {
-        if self.is_cut {
-            self.reader.skip_until(b'\n')?;
+    /// Reads a line, after the rest of a line that was cut. Of a longer line it reads one byte more than is kept. Returns
+    /// true if its end was read.
+    fn read_line(&mut self, max: usize) -> io::Result<bool> {
+        self.line.clear();
+        while self.is_cut {
+            let is_ended = self.read_piece(max + 1)?;
+            self.is_cut = !is_ended && !self.line.is_empty();
+            self.line.clear();
         }
-        let mut line = self.reader.by_ref().take(max as u64 + 1);
-        line.read_until(b'\n', &mut self.line)
+        while self.line.len() <= max {
+            let len = self.line.len();
+            if self.read_piece(max + 1 - len)? {
+                return Ok(true);
+            }
+            if self.line.len() == len {
+                break;
+            }
+        }
+        Ok(false)
+    }
+
+    /// Reads at most `max` bytes of a line, as they come, and none at the end of the recording. Returns true at the end of
+    /// the line.
+    fn read_piece(&mut self, max: usize) -> io::Result<bool> {
+        if self.is_behind_return && self.reader.fill_buf()?.starts_with(b"\n") {
+            self.reader.consume(1);
+        }
+        self.is_behind_return = false;
+        let piece = self.reader.fill_buf()?;
+        let piece = &piece[..piece.len().min(max)];
+        let end = piece.iter().position(ends_line);
+        let len = end.unwrap_or(piece.len());
+        self.line.extend(&piece[..len]);
+        self.is_behind_return = end.is_some_and(|end| piece[end] == b'\r');
+        self.reader.consume(len + usize::from(end.is_some()));
+        Ok(end.is_some())
     }
 
     /// The error of a failed read.

@@ -738,3 +738,19 @@ fn recording_in_no_known_format_is_refused() {
         );
     }
 }
+
+#[test]
+fn carriage_return_ends_a_record() {
+    let record = "(1.0) can0 600#07AA060001FE9AFF";
+    for text in [
+        format!("{record}\r{record}\r{record}\r"),
+        format!("{record}\n{record}\r{record}\r\n"),
+    ] {
+        let sum = output(text.as_bytes(), None, ArmKind::Ling).pop().unwrap();
+        assert!(sum.starts_with("CAN frames: 3, PDUs: 3, "), "{text:?}: {sum}");
+    }
+    let row = "1,600,false,Rx,0,8,07,AA,06,00,01,FE,9A,FF,";
+    let text = format!("Time Stamp,ID,Extended,Dir,Bus,LEN,D1,D2,D3,D4,D5,D6,D7,D8\r\n{row}\r{row}\r\n");
+    let sum = output(text.as_bytes(), None, ArmKind::Ling).pop().unwrap();
+    assert!(sum.starts_with("CAN frames: 2, PDUs: 2, "), "{sum}");
+}

@@ -117,12 +117,17 @@ fn said(file: &File) -> (Vec<Said>, bool) {
 /// The number of units of each line: one, and one for NUL bytes around a text.
 fn units_of_lines(text: &[u8]) -> Vec<usize> {
     let text = text.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(text);
+    // A carriage return ends a line, with or without a line feed behind it.
+    let text = String::from_utf8_lossy(text).replace("\r\n", "\n").replace('\r', "\n");
     let units = |line: &[u8]| {
         let line = line.strip_suffix(b"\n").unwrap_or(line);
         let has_nul = line.first() == Some(&0) || line.last() == Some(&0);
         1 + usize::from(has_nul && line.iter().any(|byte| *byte != 0))
     };
-    text.split_inclusive(|byte| *byte == b'\n').map(units).collect()
+    text.as_bytes()
+        .split_inclusive(|byte| *byte == b'\n')
+        .map(units)
+        .collect()
 }
 
 /// Checks that each unit of a text has one answer of its reader.

@@ -1,6 +1,7 @@
 //! Lines of hexadecimal digits.
 
 use super::word::short_byte;
+use crate::decode::content::{ends_line, is_ended};
 use crate::decode::doubts::{Doubt, Place};
 use crate::decode::unit::{Bytes, Take, Unit};
 use crate::hex::Parser;
@@ -16,6 +17,8 @@ pub(super) struct HexLines {
     /// The number of the line, counted from 1, and its beginning.
     number: u64,
     beginning: Vec<u8>,
+    /// The last line ended with a carriage return. A line feed behind it is a part of the same end.
+    is_behind_return: bool,
     /// The bytes of the line that are not passed on.
     bytes: Vec<u8>,
     /// The wrong word of the line.
@@ -28,6 +31,7 @@ impl Default for HexLines {
             parser: Parser::new(),
             number: 1,
             beginning: Vec::new(),
+            is_behind_return: false,
             bytes: Vec::new(),
             wrong: None,
         }
@@ -36,11 +40,14 @@ impl Default for HexLines {
 
 impl HexLines {
     pub(super) fn push(&mut self, piece: &[u8], take: &mut Take<'_>) {
-        for part in piece.split_inclusive(|&byte| byte == b'\n') {
+        for part in piece.split_inclusive(ends_line) {
+            if std::mem::replace(&mut self.is_behind_return, part.ends_with(b"\r")) && part == b"\n" {
+                continue;
+            }
             let room = MAX_SHOWN.saturating_sub(self.beginning.len());
             self.beginning.extend(part.iter().take(room));
             // Byte by byte: what of a wrong line is passed on does not depend on the pieces.
-            for byte in part.iter().filter(|byte| !matches!(byte, b'\r' | b'\n')) {
+            for byte in part.iter().filter(|byte| !ends_line(byte)) {
                 if self.wrong.is_some() {
                     break;
                 }
@@ -51,7 +58,7 @@ impl HexLines {
                     self.pass(take);
                 }
             }
-            if part.ends_with(b"\n") {
+            if is_ended(part) {
                 self.end_line(take);
                 self.number += 1;
             }

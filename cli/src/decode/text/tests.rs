@@ -356,6 +356,25 @@ fn ambiguous_text_is_refused_with_both_readings() {
 }
 
 #[test]
+fn carriage_return_ends_a_line() {
+    let frame = "AA 06 00 01 FE 9A FF";
+    for (text, frames) in [
+        (format!("RX: {frame}\rTX: {frame}\r\nRX: {frame}\n"), 3),
+        (format!("RX: {frame}\rRX: {frame}\r"), 2),
+        (format!("{frame}\r{frame}\r{frame}"), 3),
+        (frame.replace(' ', "\r").replace("06", "6"), 1),
+        (format!("0000: {frame}\r0007: {frame}\r"), 2),
+    ] {
+        let sum = sum(&text, None).0;
+        assert_eq!(
+            sum,
+            format!("bytes: {}, frames: {frames}, noise bytes: 0", 7 * frames),
+            "{text:?}"
+        );
+    }
+}
+
+#[test]
 fn two_frames_in_a_line_are_ambiguous() {
     for line in [
         "1 TX: AA 06 00 01 FE 9A FF RX: AA 04 0E 01 01 96 FF",
