@@ -295,6 +295,59 @@ mod tests {
         }
     }
 
+    /// A record without fields.
+    fn empty_record(code: u8) -> Vec<u8> {
+        [&[code][..], &0_u64.to_le_bytes()].concat()
+    }
+
+    #[test]
+    fn unknown_records_are_not_understood() {
+        let (file, _) = rewritten(&file(&[reading()]), "", 1);
+        let front = file.len() - 29 - 8;
+        for code in [0, 0x10, 0x55, 0x85] {
+            let file = [&file[..front], &empty_record(code), &file[front..]].concat();
+            let sum = "frames: 1, noise bytes: 0, not understood: 1 (unknown records: 1)";
+            assert_eq!(output(&file).0.last().unwrap(), sum, "{code}");
+        }
+    }
+
+    #[test]
+    fn records_that_a_chunk_cannot_have_are_not_understood() {
+        let chunk = |records: &[u8]| {
+            let len = records.len() as u64;
+            let fields = [&[0; 16][..], &len.to_le_bytes(), &[0; 8], &len.to_le_bytes(), records].concat();
+            [&[0x06][..], &(fields.len() as u64).to_le_bytes(), &fields].concat()
+        };
+        let (file, _) = rewritten(&file(&[reading()]), "", 1);
+        let front = file.len() - 29 - 8;
+        let footer = [&[0x02, 20, 0, 0, 0, 0, 0, 0, 0][..], &[0; 20]].concat();
+        for (records, doubts) in [
+            (chunk(&[]), "1 (unknown records: 1)"),
+            (empty_record(0x01), "1 (unknown records: 1)"),
+            (
+                [&footer[..], &[0x55; 9]].concat(),
+                "2 (unknown records: 1, damaged chunks: 1)",
+            ),
+        ] {
+            let file = [&file[..front], &chunk(&records), &file[front..]].concat();
+            let sum = format!("frames: 1, noise bytes: 0, not understood: {doubts}");
+            assert_eq!(*output(&file).0.last().unwrap(), sum, "{records:02X?}");
+        }
+    }
+
+    #[test]
+    fn bytes_behind_the_end_are_not_understood() {
+        let whole = file(&[reading()]);
+        for behind in [&whole[..], &[0x05]] {
+            let (lines, error) = output(&[&whole[..], behind].concat());
+            assert_eq!(error, None);
+            let place = format!("not understood: byte {}: the file goes on behind its end", whole.len());
+            assert!(lines[1].starts_with(&place), "{lines:?}");
+            let sum = "frames: 1, noise bytes: 0, not understood: 1 (bytes behind the end: 1)";
+            assert_eq!(lines[2], sum);
+        }
+    }
+
     #[test]
     fn messages_of_a_lost_channel_are_counted() {
         // The first chunk has the channels.

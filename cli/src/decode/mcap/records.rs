@@ -69,10 +69,19 @@ pub(crate) fn read(file: &mut dyn BufRead, visitor: &mut dyn Visitor) -> Result<
                     chunk.map_err(|reason| Doubt::new("damaged chunks", format!("damaged chunk: {reason}"))),
                 );
             }
-            _ => visitor.unit(at, parse_record(opcode, data).map_err(damaged_record)),
+            _ => visitor.unit(at, parse_file_record(opcode, data)),
         }
     });
-    read.map_err(|reason| (place, reason))
+    let is_cut = read.map_err(|reason| (place, reason))?;
+    let behind = file.fill_buf().map_err(|error| (place, error.to_string()))?;
+    if !is_cut && !behind.is_empty() {
+        let text = "the file goes on behind its end, as of files that were joined";
+        visitor.unit(
+            place + MAGIC.len() as u64,
+            Err(Doubt::new("bytes behind the end", text)),
+        );
+    }
+    Ok(is_cut)
 }
 
 /// Hands the code and the fields of each record to `take`. Returns true if the last one is cut.
@@ -108,9 +117,12 @@ fn read_chunk(fields: Fields<'_>, place: u64, visitor: &mut dyn Visitor) -> Resu
         .with_skip_start_magic(true)
         .with_skip_end_magic(true);
     match split(&mut records, options, &mut |opcode, data| {
-        visitor.unit(place, parse_record(opcode, data).map_err(damaged_record));
+        visitor.unit(place, parse_record(opcode, data));
     })? {
         true => Err("a record extends beyond it".to_owned()),
+        false if !records.fill_buf().map_err(|error| error.to_string())?.is_empty() => {
+            Err("records are behind a footer".to_owned())
+        }
         false => Ok(()),
     }
 }
@@ -119,35 +131,55 @@ pub(crate) fn damaged_record(reason: impl Display) -> Doubt {
     Doubt::new("damaged records", format!("damaged record: {reason}"))
 }
 
-fn parse_record(opcode: u8, mut fields: Fields<'_>) -> Result<Record<'_>, String> {
-    Ok(match opcode {
-        op::SCHEMA => Record::Schema {
-            id: fields.u16()?,
-            name: fields.text()?,
-        },
-        op::CHANNEL => {
-            let (id, schema, topic) = (fields.u16()?, fields.u16()?, fields.text()?);
-            let encoding = fields.text()?;
-            Record::Channel {
-                id,
-                schema,
-                topic,
-                encoding,
-            }
+/// A record of a file, other than a chunk.
+fn parse_file_record(opcode: u8, fields: Fields<'_>) -> Result<Record<'_>, Doubt> {
+    match opcode {
+        op::HEADER | op::FOOTER | op::DATA_END | op::STATISTICS | op::SUMMARY_OFFSET => Ok(Record::Other(STRUCTURE)),
+        op::MESSAGE_INDEX | op::CHUNK_INDEX | op::ATTACHMENT_INDEX | op::METADATA_INDEX => Ok(Record::Other(STRUCTURE)),
+        op::ATTACHMENT => Ok(Record::Other("attachments")),
+        op::METADATA => Ok(Record::Other("metadata")),
+        _ => parse_record(opcode, fields),
+    }
+}
+
+/// A record that may be in a chunk.
+fn parse_record(opcode: u8, fields: Fields<'_>) -> Result<Record<'_>, Doubt> {
+    let record = match opcode {
+        op::SCHEMA => parse_schema(fields),
+        op::CHANNEL => parse_channel(fields),
+        op::MESSAGE => parse_message(fields),
+        _ => {
+            let text = format!("no record with the code {opcode:#04x} belongs here");
+            return Err(Doubt::new("unknown records", text));
         }
-        op::MESSAGE => {
-            let (channel, sequence, log_time) = (fields.u16()?, fields.u32()?, fields.u64()?);
-            let _publish_time = fields.u64()?;
-            Record::Message {
-                channel,
-                sequence,
-                log_time,
-                data: fields.0,
-            }
-        }
-        op::ATTACHMENT => Record::Other("attachments"),
-        op::METADATA => Record::Other("metadata"),
-        _ => Record::Other(STRUCTURE),
+    };
+    record.map_err(damaged_record)
+}
+
+fn parse_schema(mut fields: Fields<'_>) -> Result<Record<'_>, String> {
+    Ok(Record::Schema {
+        id: fields.u16()?,
+        name: fields.text()?,
+    })
+}
+
+fn parse_channel(mut fields: Fields<'_>) -> Result<Record<'_>, String> {
+    Ok(Record::Channel {
+        id: fields.u16()?,
+        schema: fields.u16()?,
+        topic: fields.text()?,
+        encoding: fields.text()?,
+    })
+}
+
+fn parse_message(mut fields: Fields<'_>) -> Result<Record<'_>, String> {
+    let (channel, sequence, log_time) = (fields.u16()?, fields.u32()?, fields.u64()?);
+    let _publish_time = fields.u64()?;
+    Ok(Record::Message {
+        channel,
+        sequence,
+        log_time,
+        data: fields.0,
     })
 }
 
