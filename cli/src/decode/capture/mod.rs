@@ -34,6 +34,8 @@ const MAX_BLOCK: usize = 70_000;
 const PACKET_HEADER: usize = 16;
 /// Blocks of a pcapng file without a packet, other than its structure.
 const OTHER_BLOCKS: &str = "other blocks";
+/// Blocks of a pcapng file that may have a packet.
+const UNKNOWN_BLOCKS: &str = "unknown blocks";
 /// Number of bytes read at once, at most.
 const PIECE: usize = 8 * 1024;
 
@@ -64,7 +66,10 @@ pub(in crate::decode) fn read(input: &mut Input<'_>, take: &mut Take<'_>) -> Res
             Parsed::Block(len, unit) => {
                 let is_structure = matches!(unit, Ok(Unit::Comment));
                 let is_network = matches!(unit, Ok(Unit::Other(NETWORK)));
-                is_read |= !matches!(unit, Ok(Unit::Comment | Unit::Other(NETWORK | UNKNOWN | OTHER_BLOCKS)));
+                is_read |= match &unit {
+                    Ok(unit) => !matches!(unit, Unit::Comment | Unit::Other(NETWORK | UNKNOWN | OTHER_BLOCKS)),
+                    Err(doubt) => doubt.kind != UNKNOWN_BLOCKS,
+                };
                 take(place, unit);
                 buffer.consume(len);
                 if is_network {
@@ -382,7 +387,15 @@ impl Capture {
             }
             Block::SimplePacket(block) => self.packet(0, None, block.data, block.origlen),
             Block::InterfaceStatistics(_) | Block::NameResolution(_) => Ok(Unit::Comment),
-            _ => Ok(Unit::Other(OTHER_BLOCKS)),
+            Block::SystemdJournalExport(_)
+            | Block::DecryptionSecrets(_)
+            | Block::ProcessInformation(_)
+            | Block::Custom(_) => Ok(Unit::Other(OTHER_BLOCKS)),
+            // One of them is the obsolete Packet Block.
+            Block::Unknown(block) => {
+                let text = format!("a block of the unknown type {}", block.block_type);
+                Err(Doubt::new(UNKNOWN_BLOCKS, text))
+            }
         };
         Parsed::Block(bytes.len() - rest.len(), unit)
     }

@@ -33,15 +33,17 @@ fn pcap(link: u32, is_big_endian: bool, packets: &[Vec<u8>]) -> Vec<u8> {
     file
 }
 
+/// A block of a pcapng file.
+fn block(kind: u32, body: &[u8]) -> Vec<u8> {
+    let len = (12 + body.len().next_multiple_of(4)) as u32;
+    let mut block = [&kind.to_le_bytes()[..], &len.to_le_bytes(), body].concat();
+    block.resize(len as usize - 4, 0);
+    block.extend(len.to_le_bytes());
+    block
+}
+
 /// A pcapng file with an interface of each link type, and of each a packet.
 fn pcapng(packets: &[(u16, Vec<u8>)]) -> Vec<u8> {
-    let block = |kind: u32, body: &[u8]| {
-        let len = (12 + body.len().next_multiple_of(4)) as u32;
-        let mut block = [&kind.to_le_bytes()[..], &len.to_le_bytes(), body].concat();
-        block.resize(len as usize - 4, 0);
-        block.extend(len.to_le_bytes());
-        block
-    };
     let mut file = block(
         0x0A0D_0D0A,
         &[&0x1A2B_3C4D_u32.to_le_bytes()[..], &[1, 0, 0, 0], &[0xFF; 8]].concat(),
@@ -167,6 +169,22 @@ fn devices_are_limited() {
         lines.last().unwrap(),
         "bytes: 448, frames: 64, noise bytes: 0, not understood: 2 (more than 64 USB devices: 2)"
     );
+}
+
+#[test]
+fn unknown_blocks_are_not_understood() {
+    let request = Usbmon::new(b'S', 0x02, &REQUEST).packet(64, false);
+    let file = pcapng(&[(220, request)]);
+    for (kind, end) in [
+        (2, "not understood: 1 (unknown blocks: 1)"),
+        (7, "not understood: 1 (unknown blocks: 1)"),
+        (0x0BAD, "other blocks: 1"),
+    ] {
+        let (lines, error) = decoded(&[&file[..], &block(kind, &[0; 40])].concat());
+        assert_eq!(error, None);
+        let sum = format!("bytes: 7, frames: 1, noise bytes: 0, {end}");
+        assert_eq!(*lines.last().unwrap(), sum, "{kind}");
+    }
 }
 
 #[test]
