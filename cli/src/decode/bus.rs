@@ -137,10 +137,17 @@ impl Buses {
     }
 
     /// Ends the log. Returns the counts for its sum.
-    pub(super) fn finish(&self, out: &dyn Output) -> Counts {
+    pub(super) fn finish(&mut self, out: &dyn Output) -> Counts {
         let mut counts = self.counts.clone();
-        for ((bus, node), station) in &self.stations {
+        for ((bus, node), station) in &mut self.stations {
             let at = station_name(&self.names[*bus], *node);
+            let unfinished = station.finish();
+            if unfinished > 0 && matches!(station.kind, Kind::Adapter(_)) {
+                counts.lost += unfinished;
+                out.remark(format_args!(
+                    "{at}: an adapter, PDUs that the log ends in: {unfinished}"
+                ));
+            }
             match station.kind {
                 Kind::Adapter(evidence) => {
                     counts.has_adapter = true;

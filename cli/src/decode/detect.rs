@@ -272,7 +272,7 @@ enum Column {
 
 fn judge_line(line: &str, log: &mut logged::Log) -> Column {
     let plain = logged::without_escapes(line);
-    if is_ruler(line) {
+    if dump::is_ruler(line) {
         return Column::Ruler;
     }
     if is_intel_hex(line.trim()) {
@@ -330,14 +330,6 @@ fn is_intel_hex(line: &str) -> bool {
             && usize::from(bytes[0]) == bytes.len() - MIN_RECORD
             && bytes.iter().fold(0, |sum: u8, byte| sum.wrapping_add(*byte)) == 0
     })
-}
-
-/// Returns true for the heading of a dump, such as `Offset(h) 00 01 02 03 04 05 06 07`.
-fn is_ruler(line: &str) -> bool {
-    let mut words = line.split_whitespace().peekable();
-    while words.next_if(|word| u8::from_str_radix(word, 16) != Ok(0)).is_some() {}
-    let numbers: Vec<_> = words.take(8).map(|word| u8::from_str_radix(word, 16).ok()).collect();
-    numbers == [0, 1, 2, 3, 4, 5, 6, 7].map(Some)
 }
 
 /// Returns true for pairs of digits, with or without 0x before them, and for nothing.

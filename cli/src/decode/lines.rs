@@ -2,7 +2,7 @@
 
 use super::doubts::{Doubt, Place};
 use super::input::Input;
-use super::unit::{Bytes, Read, Take, Unit};
+use super::unit::{Read, Take, Unit};
 use crate::error::Error;
 
 /// A reader of lines.
@@ -10,10 +10,13 @@ pub(super) trait LineReader {
     /// What a line is, which is not blank.
     fn line<'a>(&mut self, line: &'a str) -> Read<'a>;
 
-    /// The bytes that waited for another line.
-    fn end(&mut self) -> Vec<u8> {
-        Vec::new()
+    /// Returns true if the record of a line may go on behind it.
+    fn may_go_on(&self, _line: &str) -> bool {
+        false
     }
+
+    /// Passes on what waited for another line.
+    fn end(&mut self, _take: &mut Take<'_>) {}
 }
 
 /// The lines of a format.
@@ -51,22 +54,15 @@ pub(super) fn read(
             // The missing end may change its meaning.
             _ if !line.is_whole => take(place, Err("the line is too long".into())),
             Ok(Unit::Other(_)) | Err(_) if lines.are_ended && !line.is_ended => take(place, Err(Doubt::cut())),
+            Ok(Unit::Can(_)) if !line.is_ended && reader.may_go_on(text) => take(place, Err(Doubt::cut())),
             Err(doubt) if doubt.is_last => {
                 let (number, text) = (line.number, text.to_owned());
-                end(reader, take);
+                reader.end(take);
                 return Err(input.refused_line(number, &text, &doubt.text));
             }
             unit => take(place, unit),
         }
     }
-    end(reader, take);
+    reader.end(take);
     Ok(())
-}
-
-/// Passes on the bytes that waited for another line.
-fn end(reader: &mut dyn LineReader, take: &mut Take<'_>) {
-    let rest = reader.end();
-    if !rest.is_empty() {
-        take(Place::End, Ok(Unit::Bytes(Bytes::new(rest))));
-    }
 }

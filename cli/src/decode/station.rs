@@ -136,6 +136,13 @@ impl Station {
         listener.release();
         (shown, lost)
     }
+
+    /// Ends the log. Returns the number of PDUs that are not complete.
+    pub(super) fn finish(&mut self) -> u64 {
+        let listeners = self.listeners.values_mut();
+        let unfinished = listeners.filter_map(|listener| listener.tick(listener.timeout()?).next());
+        unfinished.count() as u64
+    }
 }
 
 impl Kind {

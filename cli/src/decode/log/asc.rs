@@ -5,8 +5,41 @@ use armwire_bridge::{Duration, Instant};
 
 use super::{Doubt, LineReader, Logged, Read, SECONDS, Time, Unit, byte, data, frame, identifier, number, time};
 
-/// First words of lines in the header and between measurements, in lower case.
-const HEADINGS: [&str; 8] = ["date", "base", "internal", "no", "begin", "end", "//", "previous"];
+/// First words of lines in the header and between measurements, in lower case, with the one behind it if it has to be
+/// there.
+const HEADINGS: [(&str, Option<&str>); 8] = [
+    ("date", None),
+    ("base", None),
+    ("internal", Some("events")),
+    ("no", Some("internal")),
+    ("begin", Some("triggerblock")),
+    ("end", Some("triggerblock")),
+    ("previous", Some("log")),
+    ("//", None),
+];
+/// First words of other events behind their time, in lower case: of the measurement, of variables, and of other buses. A
+/// colon belongs to the word.
+const EVENTS: [&str; 17] = [
+    "start",
+    "log",
+    "triggerevent:",
+    "comment:",
+    "sv:",
+    "tfs:",
+    "gmgroup:",
+    "gps-device:",
+    "can",
+    "j1939tp",
+    "li",
+    "l1",
+    "l2",
+    "fr",
+    "eth",
+    "afdx",
+    "a429",
+];
+/// The same, behind the number of a bus.
+const BUS_EVENTS: [&str; 4] = ["statistic:", "overloadframe", "status:", "j1939tp"];
 /// A statistic, a variable, a transmit request, and the like.
 const EVENT: Unit<'static> = Unit::Other("other events");
 /// The flag of a `CANFD` line whose frame is an FD frame.
@@ -38,7 +71,12 @@ impl Asc {
 
     fn read_heading(&mut self, line: &str) -> Read<'static> {
         let line = line.to_ascii_lowercase();
-        if !HEADINGS.iter().any(|heading| line.starts_with(heading)) {
+        let mut words = line.split_whitespace();
+        let (first, second) = (words.next().unwrap_or_default(), words.next());
+        let is_heading = |(word, next): &(&str, Option<&str>)| {
+            first == *word && (next.is_none() || *next == second) || *word == "//" && first.starts_with(word)
+        };
+        if !HEADINGS.iter().any(is_heading) {
             return Err("no time".into());
         }
         let mut words = line.split_whitespace();
@@ -139,12 +177,19 @@ impl LineReader for Asc {
                 true,
             ),
             (Some(bus), Some(id)) if number(bus, 10).is_some() => (bus, words.next(), id, false),
-            _ => return Ok(EVENT),
+            // A variable of the environment.
+            (Some(_), Some(":=")) => return Ok(EVENT),
+            (Some(first), _) if is_word_of(first, &EVENTS) => return Ok(EVENT),
+            _ => return Err("no known event".into()),
         };
         let is_error = id.eq_ignore_ascii_case("ErrorFrame");
         // Only lines of classic error frames have no direction.
         if !direction.is_some_and(is_direction) && (is_fd || !is_error) {
-            return Ok(EVENT);
+            let is_request = direction.is_some_and(|word| word.eq_ignore_ascii_case("TxRq"));
+            return match is_request || !is_fd && is_word_of(id, &BUS_EVENTS) {
+                true => Ok(EVENT),
+                false => Err("neither received (Rx) nor sent (Tx)".into()),
+            };
         }
         let frame = match (is_error, is_fd) {
             (true, _) => None,
@@ -153,6 +198,10 @@ impl LineReader for Asc {
         };
         Ok(Unit::Can(Logged::whole(time, bus, frame)))
     }
+}
+
+fn is_word_of(word: &str, events: &[&str]) -> bool {
+    events.iter().any(|event| word.eq_ignore_ascii_case(event))
 }
 
 /// Returns true if a frame with this direction was on the bus. A transmit request (`TxRq`) was not.

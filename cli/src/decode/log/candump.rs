@@ -1,7 +1,7 @@
 //! Logs of can-utils: `candump -L`, and the output of `candump` without it.
 
 use armwire_bridge::Instant;
-use armwire_bridge::can::Frame;
+use armwire_bridge::can::{Frame, MAX_CLASSIC};
 
 use super::{
     Doubt, LineReader, Logged, Read, SECONDS, Time, Unit, byte, data, decimal, frame, identifier, number, time,
@@ -10,6 +10,20 @@ use crate::hex;
 
 /// The beginning of a line about frames that candump lost.
 const DROPPED: &str = "DROPCOUNT: dropped ";
+
+/// Details of an error frame, in lines of their own with a tab before them. Some have more behind them in braces.
+const DETAILS: [&str; 10] = [
+    "tx-timeout",
+    "lost-arbitration",
+    "controller-problem",
+    "protocol-violation",
+    "transceiver-status",
+    "no-acknowledgement-on-tx",
+    "bus-off",
+    "bus-error",
+    "restarted-after-bus-off",
+    "error-counter-tx-rx",
+];
 
 /// A parser of both forms:
 ///
@@ -23,8 +37,9 @@ pub(in crate::decode) struct Candump;
 
 impl LineReader for Candump {
     fn line<'a>(&mut self, line: &'a str) -> Read<'a> {
-        // Details below an error frame.
-        if line.starts_with('\t') {
+        if let Some(detail) = line.strip_prefix('\t')
+            && DETAILS.contains(&detail.split('{').next().unwrap_or_default().trim_end())
+        {
             return Ok(Unit::Comment);
         }
         if let Some(dropped) = line.strip_prefix(DROPPED) {
@@ -50,6 +65,17 @@ impl LineReader for Candump {
             Content::Frame(frame) => Unit::Can(Logged::whole(time, bus, frame)),
             Content::Xl => Unit::Other("CAN XL frames"),
         })
+    }
+
+    /// Only the data of `60F#07AA` have no length before them. A classic frame has at most 8 bytes.
+    fn may_go_on(&self, line: &str) -> bool {
+        let Some((_, data)) = line.split_once('#') else {
+            return false;
+        };
+        let data = data.trim_end();
+        // Flags are behind a whole frame.
+        let is_last = !data.contains(' ');
+        is_last && (data.starts_with('#') || pairs(data).is_ok_and(|data| data.len() < MAX_CLASSIC))
     }
 }
 

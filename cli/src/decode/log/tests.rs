@@ -79,7 +79,7 @@ fn output(log: &[u8], format: Option<Format>, arm: ArmKind) -> Vec<String> {
 
 /// The entries of lines of candump.
 fn meanings(log: &[String], arm: ArmKind) -> Vec<String> {
-    output(log.join("\n").as_bytes(), Some(Format::Candump), arm)
+    output((log.join("\n") + "\n").as_bytes(), Some(Format::Candump), arm)
 }
 
 const REQUEST: &str = "to the arm: read joints";
@@ -393,6 +393,10 @@ End TriggerBlock
             "0.1 CANFD 1 Rx 60F 0 0 9 12 07",
             "12 bytes of data were announced, 1 are there",
         ),
+        ("0.1 1 60F Qx d 8 07", "neither received (Rx) nor sent (Tx)"),
+        ("0.1 x1 60F Rx d 8 07", "no known event"),
+        ("no 0.1 1 60F Rx d 8 07", "no time"),
+        ("begin 0.1 1 60F Rx d 8 07", "no time"),
         ("what", "no time"),
         ("base oct", "the base is neither hex nor dec"),
     ] {
@@ -753,4 +757,71 @@ fn carriage_return_ends_a_record() {
     let text = format!("Time Stamp,ID,Extended,Dir,Bus,LEN,D1,D2,D3,D4,D5,D6,D7,D8\r\n{row}\r{row}\r\n");
     let sum = output(text.as_bytes(), None, ArmKind::Ling).pop().unwrap();
     assert!(sum.starts_with("CAN frames: 2, PDUs: 2, "), "{sum}");
+}
+
+#[test]
+fn pdu_that_the_log_ends_in_is_lost() {
+    let log = "(1.0) can0 60F#07AA060001FE9AFF\n(1.1) can0 61F#1015AA06000F0008\n";
+    let lines = decoded(log.as_bytes(), None, ArmKind::Ling);
+    assert!(
+        lines.last().unwrap().starts_with("CAN frames: 2, PDUs: 1, lost: 1, "),
+        "{lines:?}"
+    );
+}
+
+#[test]
+fn record_without_its_end_is_cut_if_it_may_go_on() {
+    for (record, is_cut) in [
+        ("(1.2) can0 20F#0102", true),
+        ("(1.2) can0 20F##10102030405060708", true),
+        ("(1.2) can0 20F#0102030405060708", false),
+        ("(1.2) can0 20F [2] 01 02", false),
+    ] {
+        let log = format!("(1.0) can0 60F#07AA060001FE9AFF\n{record}");
+        let lines = decoded(log.as_bytes(), None, ArmKind::Ling);
+        let end = "not understood: 1 (ends inside a record: 1)";
+        assert_eq!(lines.last().unwrap().ends_with(end), is_cut, "{lines:?}");
+    }
+}
+
+#[test]
+fn details_of_error_frames_are_comments() {
+    for (detail, is_comment) in [
+        ("\tcontroller-problem{rx-error-warning}", true),
+        ("\tbus-error", true),
+        ("\tAA 06 00 01", false),
+        ("\tbus-errors", false),
+    ] {
+        let log = format!("(1.0) can0 60F#07AA060001FE9AFF\n{detail}\n");
+        let lines = decoded(log.as_bytes(), None, ArmKind::Ling);
+        assert_eq!(
+            !lines.last().unwrap().contains("not understood: 1"),
+            is_comment,
+            "{lines:?}"
+        );
+    }
+    let log = "(1.0) can0 60F#07AA060001FE9AFF\n\t(1.0) can0 60F#07AA060001FE9AFF\n";
+    let lines = decoded(log.as_bytes(), None, ArmKind::Ling);
+    assert!(
+        lines.last().unwrap().starts_with("CAN frames: 2, PDUs: 2, "),
+        "{lines:?}"
+    );
+}
+
+#[test]
+fn trc_type_that_is_not_known_is_not_understood() {
+    for (log, line) in [
+        (";$FILEVERSION=1.1", "1) 1.0 rx 060F 8 07 AA 06 00 01 FE 9A FF"),
+        (
+            ";$FILEVERSION=2.0\n;$COLUMNS=N,O,T,I,d,l,D",
+            "1 1.0 XX 060F Rx 8 07 AA 06 00 01 FE 9A FF",
+        ),
+    ] {
+        let lines = decoded(format!("{log}\n{line}\n").as_bytes(), Some(Format::Trc), ArmKind::Ling);
+        let sum = lines.last().unwrap();
+        assert!(
+            sum.ends_with("not understood: 1 (no type of a message: 1)"),
+            "{lines:?}"
+        );
+    }
 }

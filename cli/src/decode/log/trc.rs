@@ -77,8 +77,12 @@ impl Trc {
             Version::V1_2 | Version::V1_3 => word("bus")?,
             _ => "",
         };
-        if !matches!(self.version, Version::V1_0) && !matches!(word("type")?, "Rx" | "Tx") {
-            return Ok(EVENT);
+        if !matches!(self.version, Version::V1_0) {
+            match word("type")? {
+                "Rx" | "Tx" => {}
+                "Warng" | "Error" => return Ok(EVENT),
+                other => return Err(Doubt::word(other, "no type of a message")),
+            }
         }
         let id = word("identifier")?;
         // The identifier of a warning in version 1.0.
@@ -113,7 +117,9 @@ impl Trc {
             "DT" => Some(false),
             "FD" | "FB" | "FE" | "BI" => Some(true),
             "RR" => None,
-            _ => return Ok(EVENT),
+            // Status, error frame, error counter, and event.
+            "ST" | "ER" | "EC" | "EV" => return Ok(EVENT),
+            other => return Err(Doubt::word(other, "no type of a message")),
         };
         let time = time(word('O', "time")?, MILLIS)?;
         let id = word('I', "identifier")?;

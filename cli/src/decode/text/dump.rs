@@ -10,15 +10,15 @@
 //! | `od -t x1`, `-x`, `-t x4`, `-t x8` | 7 digits, base 8 or 10, or 6 digits, base 16 | 8 to 64 bits, little-endian |
 //!
 //! A column of characters may be behind the words, in `hexdump -C` between bars, in `od -t x1z` between angle brackets. A
-//! line `*` stands for repetitions of the line before it. `hexdump` and `od` end with the offset of the end. Headings are
-//! skipped. An offset of 0 begins a new dump.
+//! line `*` stands for repetitions of the line before it. `hexdump` and `od` end with the offset of the end. A heading
+//! with the numbers of the columns is skipped. An offset of 0 begins a new dump.
 
 use super::column::before_column;
 use super::logged::{Log, without_escapes};
 use super::word::{Word, words};
-use crate::decode::doubts::Doubt;
+use crate::decode::doubts::{Doubt, Place};
 use crate::decode::lines::LineReader;
-use crate::decode::unit::{Bytes, Read, Unit};
+use crate::decode::unit::{Bytes, Read, Take, Unit};
 use crate::hex;
 
 /// Maximum number of bytes that a line `*` stands for.
@@ -113,6 +113,14 @@ pub(in super::super) fn columns(line: &str) -> Option<Line<'_>> {
         words,
         column,
     }))
+}
+
+/// Returns true for the heading of a dump, such as `Offset(h) 00 01 02 03 04 05 06 07`.
+pub(in super::super) fn is_ruler(line: &str) -> bool {
+    let mut words = line.split_whitespace().peekable();
+    while words.next_if(|word| u8::from_str_radix(word, 16) != Ok(0)).is_some() {}
+    let numbers: Vec<_> = words.take(8).map(|word| u8::from_str_radix(word, 16).ok()).collect();
+    numbers == [0, 1, 2, 3, 4, 5, 6, 7].map(Some)
 }
 
 /// Returns true if the line begins with a number and a colon.
@@ -289,6 +297,7 @@ impl Dump {
         if let [(one, _, a), (other, _, b), ..] = fitting[..]
             && a != b
         {
+            self.is_repeated = false;
             return Err(Doubt::last(format!(
                 "the offset '{text}' may have base {one} or {other}: choose the option of the dump"
             )));
@@ -304,7 +313,7 @@ impl Dump {
             }
             None if is_restart => {
                 self.pass_delayed(0);
-                None
+                self.is_repeated.then(endless)
             }
             None => {
                 self.pass_delayed(0);
@@ -352,13 +361,16 @@ impl LineReader for Dump {
         let plain = without_escapes(line);
         match columns(&plain) {
             Some(Line::Data(row)) => self.row(&row),
-            Some(Line::Repeated) if self.last.is_empty() => Err("no line is before the repetition".into()),
+            // A second one stands for nothing.
+            Some(Line::Repeated) if self.last.is_empty() || self.is_repeated => {
+                Err("no line is before the repetition".into())
+            }
             Some(Line::Repeated) => {
                 self.is_repeated = true;
                 Ok(Unit::Comment)
             }
-            // A heading.
-            None if self.bases.is_empty() => Ok(Unit::Comment),
+            // The numbers of the columns.
+            None if self.bases.is_empty() && is_ruler(&plain) => Ok(Unit::Comment),
             None if has_offset(&plain) || !matches!(Log::default().find(&plain), Ok(None)) => {
                 Err("no offset and bytes of a hex dump".into())
             }
@@ -366,10 +378,22 @@ impl LineReader for Dump {
         }
     }
 
-    fn end(&mut self) -> Vec<u8> {
+    fn end(&mut self, take: &mut Take<'_>) {
         self.pass_last();
-        std::mem::take(&mut self.ready)
+        let rest = std::mem::take(&mut self.ready);
+        if !rest.is_empty() {
+            take(Place::End, Ok(Unit::Bytes(Bytes::new(rest))));
+        }
+        if self.is_repeated {
+            take(Place::End, Err(endless()));
+        }
     }
+}
+
+/// The doubt about repetitions without the offset behind them.
+fn endless() -> Doubt {
+    let text = "no offset tells how many bytes the line '*' stands for";
+    Doubt::new("repetitions without an end", text)
 }
 
 /// The bases that an offset of this length may have.

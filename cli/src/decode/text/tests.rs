@@ -6,6 +6,7 @@ use std::io::Write as _;
 use proptest::collection::vec;
 use proptest::prelude::*;
 
+use crate::decode::format::Format;
 use crate::decode::tests::printed;
 use crate::{ArmKind, Speaker};
 
@@ -352,6 +353,39 @@ fn ambiguous_text_is_refused_with_both_readings() {
         let (_, error) = printed(text.as_bytes(), None, ArmKind::Ling, None);
         let error = error.unwrap_or_default();
         assert!(error.contains(reason), "{text}: {error}");
+    }
+}
+
+#[test]
+fn repetition_without_an_end_is_not_understood() {
+    let row = "00000000  aa 06 00 01 fe 9a ff aa  06 00 01 fe 9a ff aa 06 |................|\n";
+    for text in [format!("{row}*\n"), format!("{row}*\n{row}00000010\n")] {
+        let sum = sum(&text, None).0;
+        let doubt = "not understood: 1 (repetitions without an end: 1)";
+        assert!(sum.ends_with(doubt), "{text}: {sum}");
+    }
+}
+
+#[test]
+fn lines_before_a_dump_are_counted() {
+    let row = "00000000: aa06 0001 fe9a ff  .......\n";
+    for (lines, end) in [
+        ("         0 1 2 3 4 5 6 7 8 9 A B C D E F\n", ""),
+        ("the arm\n", ", lines without bytes: 1"),
+        (
+            "TX AA 06 00 01 FE 9A FF\n",
+            ", not understood: 1 (no offset and bytes of a hex dump: 1)",
+        ),
+    ] {
+        let (lines, error) = printed(
+            format!("{lines}{row}").as_bytes(),
+            Some(Format::Dump),
+            ArmKind::Ling,
+            None,
+        );
+        assert_eq!(error, None);
+        let sum = format!("bytes: 7, frames: 1, noise bytes: 0{end}");
+        assert_eq!(*lines.last().unwrap(), sum);
     }
 }
 
