@@ -116,15 +116,16 @@ impl<'a> Account<'a> {
         ] {
             parts.extend(more.into_iter().filter(|part| is_used && part.is_shown()));
         }
+        let dropped = Some(Part::some("not logged", self.dropped).flaw()).filter(Part::is_shown);
         if parts.is_empty() {
             parts.push(Part::always("packets read", 0));
         }
         // What is read before an error has a sum, too.
         if read.is_ok() || self.data > 0 || self.doubts.count() > 0 {
             let others = self.others.iter().map(|(kind, count)| Part::some(kind, *count));
-            let dropped = Some(Part::some("not logged", self.dropped)).filter(Part::is_shown);
-            let sum = parts.iter().map(Part::to_string);
-            let mut sum: Vec<_> = sum.chain(others.chain(dropped).map(|part| part.to_string())).collect();
+            let mut sum: Vec<_> = parts.iter().map(Part::to_string).collect();
+            sum.extend(others.map(|part| part.to_string()));
+            sum.extend(dropped.iter().map(Part::to_string));
             sum.extend(self.sides.broken().map(|_| "the rest not read".to_owned()));
             sum.extend(self.doubts.sum());
             self.out.remark(format_args!("{}", sum.join(", ")));
@@ -145,7 +146,10 @@ impl<'a> Account<'a> {
         let mut warnings = Vec::new();
         warnings.extend((frames == 0).then(|| self.no_frame(beginning)));
         warnings.extend((self.doubts.count() > 0).then(|| format!("not understood: {}", self.doubts.count())));
-        let flaws = parts.iter().filter(|part| part.is_flaw && part.count > 0);
+        let flaws = parts
+            .iter()
+            .chain(&dropped)
+            .filter(|part| part.is_flaw && part.count > 0);
         Ok(Verdict {
             warnings,
             flaws: flaws.map(Part::to_string).collect(),

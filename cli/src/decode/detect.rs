@@ -175,7 +175,8 @@ fn judge_marks(bytes: &[u8], is_all: bool) -> Option<Option<Format>> {
         return Some(Some(Format::Candump));
     }
     // Each frame has a byte that no text has: AA for ling, ED for alpha1, 00 for xarm.
-    match content(text, is_all) {
+    // No more than the first line: the verdict must not depend on the size of reads.
+    match content(first_line(text).1, is_all) {
         Content::Text => {}
         Content::Raw => return Some(Some(Format::Raw)),
         Content::Unknown => return Some(None),

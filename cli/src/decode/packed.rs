@@ -232,12 +232,15 @@ impl<'a> Utf16<'a> {
 
     /// Reads one unit, or none at the end.
     fn unit(&mut self) -> io::Result<Option<u16>> {
-        let mut bytes = [0; 2];
-        match self.source.read_exact(&mut bytes) {
-            Ok(()) => Ok(Some((self.unit)(bytes))),
-            Err(error) if error.kind() == ErrorKind::UnexpectedEof => Ok(None),
-            Err(error) => Err(error),
+        let [mut first, mut second] = [[0]; 2];
+        if read_some(&mut self.source, &mut first)? == 0 {
+            return Ok(None);
         }
+        if read_some(&mut self.source, &mut second)? == 0 {
+            let text = "the text in UTF-16 ends within a character";
+            return Err(Error::new(ErrorKind::UnexpectedEof, text));
+        }
+        Ok(Some((self.unit)([first[0], second[0]])))
     }
 }
 

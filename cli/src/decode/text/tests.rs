@@ -390,6 +390,26 @@ fn lines_before_a_dump_are_counted() {
 }
 
 #[test]
+fn half_a_character_of_utf_16_is_an_error() {
+    let text = "RX: AA 06 00 01 FE 9A FF\n".encode_utf16().flat_map(u16::to_le_bytes);
+    let text: Vec<_> = [0xFF, 0xFE].into_iter().chain(text).chain([0x41]).collect();
+    let (lines, error) = printed(&text, None, ArmKind::Ling, None);
+    assert_eq!(lines.last().unwrap(), "bytes: 7, frames: 1, noise bytes: 0");
+    let error = error.unwrap();
+    assert!(error.ends_with("the text in UTF-16 ends within a character"), "{error}");
+}
+
+#[test]
+fn zero_behind_the_first_line_leaves_a_text() {
+    let sum = sum(
+        "RX: AA 06 00 01 FE 9A FF\nRX: AA \0 06\nRX: AA 06 00 01 FE 9A FF\n",
+        None,
+    )
+    .0;
+    assert!(sum.starts_with("bytes: 14, frames: 2, "), "{sum}");
+}
+
+#[test]
 fn carriage_return_ends_a_line() {
     let frame = "AA 06 00 01 FE 9A FF";
     for (text, frames) in [
