@@ -17,6 +17,7 @@ use super::doubts::{Doubt, Place};
 use super::input::Input;
 use super::unit::{Read as ReadUnit, Take, Unit};
 use crate::error::Error;
+use crate::printable::cut;
 use packet::{Link, NETWORK, UNKNOWN, packet, refusal};
 
 /// First bytes of files: pcap in either order of bytes, with microseconds or nanoseconds, and pcapng.
@@ -30,6 +31,8 @@ pub(in crate::decode) const SIGNATURES: [&[u8]; 5] = [
 
 /// Maximum size of a block, in bytes: more than that of a packet on any network.
 const MAX_BLOCK: usize = 70_000;
+/// Maximum number of interfaces in a section of a pcapng file. Each is kept.
+const MAX_INTERFACES: usize = 256;
 /// Size of a packet's header in a pcap file.
 const PACKET_HEADER: usize = 16;
 /// Blocks of a pcapng file without a packet, other than its structure.
@@ -184,7 +187,7 @@ struct Interface {
 
 impl Interface {
     fn new(block: &InterfaceDescriptionBlock<'_>, index: usize) -> Self {
-        let name = block.if_name().and_then(Result::ok).map(str::to_owned);
+        let name = block.if_name().and_then(Result::ok).map(cut);
         Self {
             name: name.unwrap_or_else(|| index.to_string()),
             link: Link::of(block.linktype),
@@ -377,9 +380,13 @@ impl Capture {
             }
             Block::InterfaceDescription(block) => {
                 self.open(block.linktype);
-                let interface = Interface::new(&block, self.interfaces.len());
-                self.interfaces.push(interface);
-                Ok(Unit::Comment)
+                match self.interfaces.len() {
+                    MAX_INTERFACES => Err("more than 256 interfaces".into()),
+                    index => {
+                        self.interfaces.push(Interface::new(&block, index));
+                        Ok(Unit::Comment)
+                    }
+                }
             }
             Block::EnhancedPacket(block) => {
                 let time = u64::from(block.ts_high) << 32 | u64::from(block.ts_low);

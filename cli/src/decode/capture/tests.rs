@@ -8,7 +8,7 @@ use proptest::prelude::*;
 use crate::decode::decode_recording;
 use crate::decode::input::Head;
 use crate::decode::pcapng::Packets;
-use crate::decode::tests::{line, printed};
+use crate::decode::tests::{Nowhere, line, printed};
 use crate::{ArmKind, Speaker};
 
 const REQUEST: [u8; 7] = [0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF];
@@ -185,6 +185,23 @@ fn unknown_blocks_are_not_understood() {
         let sum = format!("bytes: 7, frames: 1, noise bytes: 0, {end}");
         assert_eq!(*lines.last().unwrap(), sum, "{kind}");
     }
+}
+
+#[test]
+fn interfaces_are_limited() {
+    let request = Usbmon::new(b'S', 0x02, &REQUEST).packet(64, false);
+    let name = [&[2, 0, 0x60, 0xEA][..], &[b'x'; 60_000], &[0; 4]].concat();
+    let interface = block(1, &[&[220, 0, 0, 0, 0, 0, 0, 0][..], &name].concat());
+    let file = [pcapng(&[(220, request)]), interface.repeat(300)].concat();
+    let (lines, error) = decoded(&file);
+    assert_eq!(error, None);
+    let sum = "bytes: 7, frames: 1, noise bytes: 0, not understood: 45 (more than 256 interfaces: 45)";
+    assert_eq!(lines.last().unwrap(), sum);
+    let measured = allocation_counter::measure(|| {
+        let head = Head::new("log".to_owned(), Box::new(&file[..]), &Nowhere);
+        decode_recording(head, &Nowhere, None, line(ArmKind::Ling, None)).unwrap();
+    });
+    assert!(measured.bytes_max < 1024 * 1024, "{} bytes", measured.bytes_max);
 }
 
 #[test]
