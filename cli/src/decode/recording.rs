@@ -62,6 +62,8 @@ pub(super) struct Counts {
     pub(super) bytes: u64,
     pub(super) frames: u64,
     pub(super) noise_bytes: u64,
+    /// Number of bytes behind the break of a stream without losses, which are not in `bytes`.
+    pub(super) behind_break: u64,
     padding: u64,
     /// Number of frames without a known message.
     pub(super) unknown: u64,
@@ -77,7 +79,7 @@ impl Counts {
     /// The counts of a device that is no arm.
     pub(super) fn of_another_device(self) -> Self {
         Self {
-            others: self.bytes,
+            others: self.bytes + self.behind_break,
             ..Self::default()
         }
     }
@@ -88,6 +90,7 @@ impl Counts {
             bytes: self.bytes + other.bytes,
             frames: self.frames + other.frames,
             noise_bytes: self.noise_bytes + other.noise_bytes,
+            behind_break: self.behind_break + other.behind_break,
             padding: self.padding + other.padding,
             unknown: self.unknown + other.unknown,
             others: self.others + other.others,
@@ -100,6 +103,7 @@ impl Counts {
             Part::always("bytes", self.bytes),
             Part::always("frames", self.frames),
             Part::always("noise bytes", self.noise_bytes).flaw(),
+            Part::some("bytes behind a break", self.behind_break).flaw(),
             Part::some("padding bytes", self.padding),
             Part::some("frames without a message", self.unknown).flaw(),
             Part::some("bytes of other devices", self.others),
@@ -147,6 +151,8 @@ pub(super) struct Frames<P: Arm, R: Reading<Arm = P> = OneSender<P>> {
     /// Noise that may go on.
     run: Option<Run>,
     counts: Counts,
+    /// Number of bytes so far.
+    pushed: u64,
     /// The end of the last damaged frame: its bytes are not shown again as stray ones.
     damaged: u64,
     is_contradicted: bool,
@@ -160,6 +166,9 @@ struct Run {
     offset: u64,
     reason: Reason,
     bytes: Vec<u8>,
+    /// The place of its first bytes.
+    place: String,
+    nanos: u64,
 }
 
 impl<P: Arm> Frames<P> {
@@ -176,6 +185,7 @@ impl<P: Arm, R: Reading<Arm = P>> Frames<P, R> {
             decoder: Decoder::new(),
             run: None,
             counts: Counts::default(),
+            pushed: 0,
             damaged: 0,
             is_contradicted: false,
             place: String::new(),
@@ -237,6 +247,8 @@ impl<P: Arm, R: Reading<Arm = P>> Frames<P, R> {
             offset: span.offset,
             reason,
             bytes: Vec::new(),
+            place: self.place.clone(),
+            nanos: self.nanos,
         });
         run.bytes.extend(self.decoder.item(span).bytes);
         match reason {
@@ -245,6 +257,8 @@ impl<P: Arm, R: Reading<Arm = P>> Frames<P, R> {
                     offset: run.offset + MAX_STRAY as u64,
                     reason,
                     bytes: run.bytes.split_off(MAX_STRAY),
+                    place: self.place.clone(),
+                    nanos: self.nanos,
                 };
                 self.end_run("", out);
                 self.run = Some(next);
@@ -257,22 +271,22 @@ impl<P: Arm, R: Reading<Arm = P>> Frames<P, R> {
 
     /// Shows the run.
     fn end_run(&mut self, remark: &str, out: &dyn Output) {
-        let Some(Run { offset, reason, bytes }) = self.run.take() else {
-            return;
-        };
+        let Some(run) = self.run.take() else { return };
+        let Run {
+            offset, reason, bytes, ..
+        } = run;
         let shown = match reason {
             Reason::Stray => self.damaged.saturating_sub(offset).min(bytes.len() as u64),
             _ => 0,
         };
         let bytes = &bytes[shown as usize..];
         if !bytes.is_empty() {
-            self.show(
-                offset + shown,
-                bytes,
-                self.reading.from(),
-                &format!("noise: {reason}{remark}"),
-                out,
-            );
+            let at = At {
+                place: &run.place,
+                nanos: run.nanos,
+            };
+            let text = format!("noise: {reason}{remark}");
+            self.show_at(at, offset + shown, bytes, self.reading.from(), &text, out);
         }
     }
 
@@ -290,10 +304,18 @@ impl<P: Arm, R: Reading<Arm = P>> Frames<P, R> {
     }
 
     fn show(&self, offset: u64, bytes: &[u8], from: Option<Speaker>, text: &str, out: &dyn Output) {
+        let at = At {
+            place: &self.place,
+            nanos: self.nanos,
+        };
+        self.show_at(at, offset, bytes, from, text, out);
+    }
+
+    fn show_at(&self, at: At<'_>, offset: u64, bytes: &[u8], from: Option<Speaker>, text: &str, out: &dyn Output) {
         let on_line = Some(OnLine {
             protocol: P::PROTOCOL,
             from,
-            nanos: self.nanos,
+            nanos: at.nanos,
         });
         let item = |place| Item {
             place,
@@ -301,7 +323,7 @@ impl<P: Arm, R: Reading<Arm = P>> Frames<P, R> {
             text,
             on_line,
         };
-        match self.place.as_str() {
+        match at.place {
             "" => out.item(&item(format_args!("{offset:8}"))),
             place => out.item(&item(format_args!("{place}"))),
         }
@@ -312,6 +334,7 @@ impl<P: Arm, R: Reading<Arm = P>> Recording for Frames<P, R> {
     fn push(&mut self, mut bytes: &[u8], at: At<'_>, out: &dyn Output) {
         at.place.clone_into(&mut self.place);
         self.nanos = at.nanos;
+        self.pushed += bytes.len() as u64;
         while !bytes.is_empty() && self.decoder.broken().is_none() {
             bytes = self.decoder.push(bytes);
             self.take_items(out);
@@ -331,6 +354,7 @@ impl<P: Arm, R: Reading<Arm = P>> Recording for Frames<P, R> {
             self.counts.noise_bytes += rest.len() as u64;
             self.counts.bytes += rest.len() as u64;
         }
+        self.counts.behind_break = self.pushed - self.counts.bytes;
         self.counts
     }
 
@@ -371,8 +395,9 @@ pub(super) trait Trial {
 /// A stream whose decoder its first message decides.
 pub(super) struct Undecided<T> {
     trial: T,
-    /// The bytes before the decision.
+    /// The bytes before the decision, and their parts by place: its text, its time in ns, and the number of bytes.
     beginning: Vec<u8>,
+    parts: Vec<(String, u64, usize)>,
     frames: Option<Box<dyn Recording>>,
 }
 
@@ -381,14 +406,30 @@ impl<T: Trial> Undecided<T> {
         Self {
             trial,
             beginning: Vec::new(),
+            parts: Vec::new(),
             frames: None,
         }
     }
 
     /// Passes the bytes so far to their decoder.
-    fn begin(&mut self, mut frames: Box<dyn Recording>, at: At<'_>, out: &dyn Output) -> &mut dyn Recording {
-        frames.push(&std::mem::take(&mut self.beginning), at, out);
-        &mut **self.frames.insert(frames)
+    fn begin(&mut self, mut frames: Box<dyn Recording>, out: &dyn Output) {
+        let beginning = std::mem::take(&mut self.beginning);
+        let mut rest = &beginning[..];
+        for (place, nanos, len) in std::mem::take(&mut self.parts) {
+            let (bytes, behind) = rest.split_at(len);
+            frames.push(bytes, At { place: &place, nanos }, out);
+            rest = behind;
+        }
+        self.frames = Some(frames);
+    }
+
+    /// Keeps a byte before the decision.
+    fn keep(&mut self, byte: u8, at: At<'_>) {
+        self.beginning.push(byte);
+        match self.parts.last_mut() {
+            Some((place, nanos, len)) if place == at.place && *nanos == at.nanos => *len += 1,
+            _ => self.parts.push((at.place.to_owned(), at.nanos, 1)),
+        }
     }
 }
 
@@ -398,11 +439,11 @@ impl<T: Trial> Recording for Undecided<T> {
         while self.frames.is_none()
             && let Some(&byte) = bytes.next()
         {
-            self.beginning.push(byte);
+            self.keep(byte, at);
             let is_full = self.beginning.len() >= MAX_BEGINNING;
             let found = self.trial.push(byte, out);
             if let Some(frames) = found.or_else(|| is_full.then(|| self.trial.finish(out))) {
-                self.begin(frames, at, out);
+                self.begin(frames, out);
             }
         }
         if let Some(frames) = &mut self.frames {
@@ -413,7 +454,7 @@ impl<T: Trial> Recording for Undecided<T> {
     fn finish(&mut self, out: &dyn Output) -> Counts {
         if self.frames.is_none() {
             let frames = self.trial.finish(out);
-            self.begin(frames, At::OFFSET, out);
+            self.begin(frames, out);
         }
         self.frames
             .as_mut()

@@ -37,11 +37,17 @@ pub(super) struct Line {
 impl Line {
     /// The sender of bytes that a text calls those of this one.
     fn sender(&self, named: Speaker) -> Speaker {
-        match (self.tx, named) {
-            (Speaker::Host, named) => named,
-            (Speaker::Arm, Speaker::Host) => Speaker::Arm,
-            (Speaker::Arm, Speaker::Arm) => Speaker::Host,
+        match self.tx {
+            Speaker::Host => named,
+            Speaker::Arm => opposite(named),
         }
+    }
+}
+
+fn opposite(speaker: Speaker) -> Speaker {
+    match speaker {
+        Speaker::Host => Speaker::Arm,
+        Speaker::Arm => Speaker::Host,
     }
 }
 
@@ -53,8 +59,6 @@ pub(super) struct Sides {
     /// The sender of the last bytes with a mark.
     last: Option<Speaker>,
     is_contradicted: bool,
-    /// A stream without losses broke.
-    is_broken: bool,
     /// The first bytes, and the senders of their parts by the marks, each with its length.
     beginning: Vec<u8>,
     senders: Vec<(Option<Speaker>, usize)>,
@@ -93,7 +97,6 @@ impl Sides {
             devices: BTreeMap::new(),
             last: None,
             is_contradicted: false,
-            is_broken: false,
             beginning: Vec::new(),
             senders: Vec::new(),
         }
@@ -105,9 +108,6 @@ impl Sides {
         let Bytes {
             hint, bytes, transfer, ..
         } = bytes;
-        if self.is_broken {
-            return Ok(());
-        }
         let device = transfer.as_ref().map(|transfer| transfer.device);
         if self.devices.len() >= MAX_DEVICES && !self.devices.contains_key(&device) {
             return Err("more than 64 USB devices".into());
@@ -131,7 +131,6 @@ impl Sides {
             None => stream.push(bytes, at, out),
             Some(held) => stream.push(bytes, at, held),
         }
-        self.is_broken = stream.broken().is_some();
         let is_contradicted = from.is_some() && !self.is_contradicted && stream.is_contradicted();
         let has_frames = device.held.is_some() && stream.has_frames();
         if let Some(held) = device.held.take_if(|_| has_frames) {
@@ -182,6 +181,7 @@ impl Sides {
     /// Ends the recording. Returns the counts of all streams.
     pub(super) fn finish(&mut self, out: &dyn Output) -> Counts {
         let mut sum = Counts::default();
+        let is_broken = self.broken().is_some();
         for device in self.devices.values_mut() {
             let mut counts = Counts::default();
             for stream in device.streams.values_mut() {
@@ -197,6 +197,10 @@ impl Sides {
                 None => counts,
                 Some(_) => counts.of_another_device(),
             });
+        }
+        // How much was read behind the break of the only stream depends on the size of reads.
+        if is_broken {
+            sum.behind_break = 0;
         }
         sum
     }
@@ -240,10 +244,11 @@ impl Sides {
         others.find(|(arm, from)| is_most(&counts(*arm, *from)))
     }
 
-    /// Offset and reason of the break of a lossless stream, after which nothing can be decoded.
+    /// Offset and reason of the break of the only stream, after which nothing can be decoded. Beside others the
+    /// bytes behind a break are counted.
     pub(super) fn broken(&self) -> Option<(u64, Reason)> {
-        let streams = self.devices.values().flat_map(|device| device.streams.values());
-        streams.into_iter().find_map(|stream| stream.broken())
+        let device = self.devices.get(&None)?;
+        device.streams.get(&(0, Side::Unnamed))?.broken()
     }
 }
 

@@ -172,6 +172,53 @@ fn devices_are_limited() {
 }
 
 #[test]
+fn items_have_the_time_of_their_own_bytes() {
+    let transfers = |parts: &[&[u8]]| {
+        let packet = |bytes: &&[u8]| Usbmon::new(b'S', 0x02, bytes).packet(64, false);
+        decoded(&pcap(220, false, &parts.iter().map(packet).collect::<Vec<_>>())).0
+    };
+    let lines = transfers(&[&REQUEST, &[0x11, 0x22], &REQUEST]);
+    assert!(lines[1].starts_with("2.500000000  2.5.2 out  11 22\n"), "{lines:?}");
+    let lines = transfers(&[&[0x11, 0x22], &REQUEST]);
+    assert!(lines[0].starts_with("1.500000000  2.5.2 out  11 22\n"), "{lines:?}");
+    assert!(lines[1].starts_with("2.500000000  2.5.2 out  AA 06 "), "{lines:?}");
+    let answers = [
+        Usbmon::new(b'S', 0x02, &REQUEST),
+        Usbmon::new(b'C', 0x81, &[0x11, 0x22, 0x33]),
+    ];
+    let packets = answers.map(|transfer| transfer.packet(64, false));
+    let lines = decoded(&pcap(220, false, &packets)).0;
+    assert!(lines[1].starts_with("2.500000000  2.5.1 in   11 22 33\n"), "{lines:?}");
+}
+
+#[test]
+fn break_of_a_stream_is_not_that_of_others() {
+    let wrong = [0, 1, 0, 9, 0, 1, 0x0D];
+    let request = [0, 1, 0, 2, 0, 1, 0x0D];
+    let transfers = |parts: &[(u8, [u8; 7])]| {
+        let packets: Vec<_> = parts
+            .iter()
+            .map(|(device, bytes)| {
+                let transfer = Usbmon {
+                    device: *device,
+                    ..Usbmon::new(b'S', 0x02, bytes)
+                };
+                transfer.packet(64, false)
+            })
+            .collect();
+        let (mut lines, error) = printed(&pcap(220, false, &packets), None, ArmKind::Xarm, None);
+        assert_eq!(error, None);
+        lines.pop().unwrap()
+    };
+    let requests = [(6, request), (6, request)];
+    let sum = "bytes: 14, frames: 2, noise bytes: 0, bytes of other devices: 14";
+    assert_eq!(transfers(&[&[(5, wrong), (5, request)], &requests[..]].concat()), sum);
+    let sum = "bytes: 25, frames: 3, noise bytes: 4, bytes behind a break: 10";
+    let broken = [(5, request), (5, wrong), (5, request)];
+    assert_eq!(transfers(&[&broken, &requests[..]].concat()), sum);
+}
+
+#[test]
 fn unknown_blocks_are_not_understood() {
     let request = Usbmon::new(b'S', 0x02, &REQUEST).packet(64, false);
     let file = pcapng(&[(220, request)]);
