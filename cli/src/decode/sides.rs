@@ -114,7 +114,13 @@ impl Sides {
         }
         let from = self.marked(*hint);
         self.keep(from, bytes);
-        let line = self.line;
+        // Marks that are wrong for all frames of one side are so for the side that begins behind them.
+        let is_turned = self.is_contradicted && transfer.is_none();
+        let turned = from.filter(|_| is_turned && matches!(self.line.arm, ArmKind::Xarm | ArmKind::Alpha1));
+        let line = Line {
+            from: self.line.from.or(turned.map(opposite)),
+            ..self.line
+        };
         let device = self.devices.entry(device).or_insert_with(|| Device {
             held: transfer.is_some().then(Held::default),
             streams: BTreeMap::new(),

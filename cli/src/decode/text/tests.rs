@@ -972,6 +972,21 @@ fn marks_of_direction_are_hints() {
 }
 
 #[test]
+fn both_sides_turn_if_one_is_contradicted() {
+    let text = "RX: 00 01 00 02 00 01 0D\nTX: 00 01 00 02 00 05 0D 00 00 00 00\n".repeat(3);
+    let (lines, error) = printed(text.as_bytes(), None, ArmKind::Xarm, None);
+    assert_eq!(error, None);
+    let (sum, lines) = lines.split_last().unwrap();
+    assert_eq!(sum, "bytes: 54, frames: 6, noise bytes: 0");
+    for (direction, bytes) in [("to the arm", "0D"), ("from the arm", "00")] {
+        let of_direction = |line: &&String| line.contains(&format!("\n          {direction}: "));
+        let items: Vec<_> = lines.iter().filter(of_direction).collect();
+        let is_right = |line: &&String| line.split('\n').next().unwrap().ends_with(bytes);
+        assert!(items.len() == 3 && items.iter().all(is_right), "{lines:?}");
+    }
+}
+
+#[test]
 fn marks_that_the_frames_confirm_are_believed() {
     for (arm, text) in [
         (ArmKind::Ling, "-> AA 06 00 01 FE 9A FF\n<- AA 04 0E 01 01 96 FF\n"),
