@@ -224,6 +224,21 @@ fn foreign_record_ends_no_log() {
     fs::remove_file(path).unwrap();
 }
 
+#[test]
+fn frames_that_candump_lost_show_in_the_exit_status() {
+    let path = free_path("dropped.log");
+    let record = "(1.0) can0 60F#07AA060001FE9AFF\n";
+    let dropped = "DROPCOUNT: dropped 500 CAN frames on 'can0' socket (total drops 500)\n";
+    fs::write(&path, [record, dropped, record].concat()).unwrap();
+    let path = path.to_str().unwrap();
+    assert_eq!(run(&["decode", path]).status.code(), Some(0));
+    let output = run(&["decode", path, "--strict"]);
+    assert_eq!(output.status.code(), Some(3));
+    let warning = String::from_utf8(output.stderr).unwrap();
+    assert!(warning.contains("not logged: 500"), "{warning}");
+    fs::remove_file(path).unwrap();
+}
+
 #[cfg(feature = "recordings")]
 #[test]
 fn damaged_mcap_chunk_shows_in_the_exit_status() {
