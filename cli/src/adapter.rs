@@ -9,9 +9,7 @@ use crate::error::Error;
 use crate::output::print_error;
 use crate::remedies::words;
 
-pub(crate) use armwire_host::adapter::{
-    chip, describe, histogram_json, histograms, identity, limit, percentile, total,
-};
+pub(crate) use armwire_host::adapter::{describe, histogram_json, histograms, identity, limit, percentile, total};
 
 /// The port of an adapter.
 #[derive(Args, Debug, PartialEq, Eq)]

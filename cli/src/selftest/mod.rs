@@ -39,6 +39,7 @@ mod usb;
 
 use armwire_bridge::Counters;
 use armwire_bridge::control::Request;
+use armwire_host::adapter::chip;
 use serde_json::json;
 
 use self::bench::{Bench, identify};
@@ -47,7 +48,7 @@ use self::plan::planned;
 use self::report::Checked;
 pub use self::report::{Check, Passed, Trouble, report};
 pub use self::usb::{Direction, Payload, Pipe, Request as UsbRequest, Usb, UsbError};
-use crate::adapter::{chip, describe};
+use crate::adapter::describe;
 
 type CheckFn = fn(&mut Bench<'_>, &Plan) -> Checked;
 
