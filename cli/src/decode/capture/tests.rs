@@ -237,7 +237,7 @@ fn unknown_blocks_are_not_understood() {
 #[test]
 fn interfaces_are_limited() {
     let request = Usbmon::new(b'S', 0x02, &REQUEST).packet(64, false);
-    let name = [&[2, 0, 0x60, 0xEA][..], &[b'x'; 60_000], &[0; 4]].concat();
+    let name = [&[2, 0, 0x88, 0x13][..], &[b'x'; 5_000], &[0; 4]].concat();
     let interface = block(1, &[&[220, 0, 0, 0, 0, 0, 0, 0][..], &name].concat());
     let file = [pcapng(&[(220, request)]), interface.repeat(300)].concat();
     let (lines, error) = decoded(&file);

@@ -143,7 +143,7 @@ impl<P: Arm> Link<P> {
         }
     }
 
-    /// Reads the explanation of an earlier response. Empty without an answer in [`EXPLAINED_WITHIN`]: a failure here
+    /// Reads the explanation of an earlier response. Empty without an answer in 2 s: a failure here
     /// would hide that response.
     pub fn explain(&mut self, follow_up: Option<P::Request<'static>>) -> Vec<Fact> {
         let Some(request) = follow_up else {
