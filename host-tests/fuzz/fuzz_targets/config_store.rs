@@ -6,9 +6,9 @@ use core::future::Future;
 use core::pin::pin;
 use core::task::{Context, Poll, Waker};
 
-use armwire_bridge::Instant;
 use armwire_bridge::config::Config;
 use armwire_bridge::store::{Error, Saved, Store};
+use armwire_bridge::{Erase, Instant};
 use armwire_fuzz::{Result, Unstructured, any_good_config};
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash};
 use libfuzzer_sys::fuzz_target;
@@ -190,8 +190,8 @@ fn saved_as(config: Option<Config>) -> Option<Saved> {
 fn write(flash: &mut Flash, config: Option<Config>) -> core::result::Result<(), Error<PowerWent>> {
     let mut store = Store::new(flash, 0..SIZE as u32).expect("two pages");
     match config {
-        Some(config) => now(store.save(&config, UPTIME)),
-        None => now(store.reset(UPTIME)),
+        Some(config) => now(store.save(&config, UPTIME, Erase::Allowed)),
+        None => now(store.reset(UPTIME, Erase::Allowed)),
     }
 }
 
