@@ -36,19 +36,18 @@ pub(crate) fn load(store: &mut Store<ConfigFlash>) -> (Config, bool) {
     }
 }
 
-/// Makes room for saves that may not erase.
-pub(crate) fn prepare(store: &mut Store<ConfigFlash>) {
-    if let Err(failure) = block_on(store.prepare()).map_err(failure) {
-        warning!("no room made for configurations: {}", failure);
-    }
-}
-
 // Not inlined: second copies take 4 kB.
 
 /// Reads the configuration in flash.
 #[inline(never)]
 fn read(store: &mut Store<ConfigFlash>) -> Result<Saved, Failure> {
     block_on(store.load()).map_err(failure)
+}
+
+/// Makes room for saves that may not erase.
+#[inline(never)]
+pub(crate) fn prepare(store: &mut Store<ConfigFlash>) {
+    log("prepared", block_on(store.prepare()).map_err(failure));
 }
 
 /// Writes a configuration to flash.

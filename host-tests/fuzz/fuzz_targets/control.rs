@@ -107,7 +107,7 @@ impl Host {
     /// Executes the firmware's next action: a save or reset succeeds if `done`.
     fn act(&mut self, done: bool) {
         match self.bridge.action(self.now) {
-            Some(Action::Save(_) | Action::Reset) => {
+            Some(Action::Save(..) | Action::Reset(_)) => {
                 self.bridge.saved(done.then_some(()).ok_or(Failure::Flash), self.now);
             }
             Some(Action::Load) => self
