@@ -167,9 +167,27 @@ impl Display for Codes {
 mod tests {
     extern crate std;
 
+    use std::collections::BTreeSet;
+    use std::format;
     use std::string::ToString;
+    use std::vec::Vec;
 
     use super::*;
+
+    #[test]
+    fn each_number_has_a_meaning_of_its_own_or_stands_alone() {
+        let errors = (0..=u8::MAX).map(|number| (number, ErrorCode(number).meaning(), ErrorCode(number).to_string()));
+        let warnings =
+            (0..=u8::MAX).map(|number| (number, WarningCode(number).meaning(), WarningCode(number).to_string()));
+        for (all, known) in [(Vec::from_iter(errors), 41), (Vec::from_iter(warnings), 5)] {
+            let meanings: BTreeSet<_> = all.iter().filter_map(|(_, meaning, _)| *meaning).collect();
+            assert_eq!(meanings.len(), known);
+            for (number, meaning, text) in all.into_iter().skip(1) {
+                let expected = meaning.map_or(format!("{number}"), |meaning| format!("{number} ({meaning})"));
+                assert_eq!(text, expected);
+            }
+        }
+    }
 
     #[test]
     fn unknown_number_stands_alone() {
