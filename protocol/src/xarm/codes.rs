@@ -7,6 +7,60 @@ use core::fmt::{self, Display, Formatter};
 use super::{Raw, Reply, Request};
 use crate::messages::OtherAnswer;
 
+/// The errors that have a meaning.
+const ERRORS: [(u8, &str); 41] = [
+    (1, "emergency stop button of the control box is pressed"),
+    (2, "emergency input of the control box is triggered"),
+    (3, "emergency stop button of the three-state switch is pressed"),
+    (10, "servo motor error"),
+    (11, "servo motor 1 error"),
+    (12, "servo motor 2 error"),
+    (13, "servo motor 3 error"),
+    (14, "servo motor 4 error"),
+    (15, "servo motor 5 error"),
+    (16, "servo motor 6 error"),
+    (17, "servo motor 7 error"),
+    (18, "no communication with the force torque sensor"),
+    (19, "no communication with the end effector"),
+    (21, "kinematic error"),
+    (22, "self-collision"),
+    (23, "joint angle exceeds its limit"),
+    (24, "speed exceeds its limit"),
+    (25, "planning error"),
+    (26, "Linux real-time error"),
+    (27, "error in the reply to a command"),
+    (28, "no communication with the end module"),
+    (30, "measured speed exceeds its limit"),
+    (31, "abnormal current, caused by a collision"),
+    (32, "three points define no circle"),
+    (33, "error of the control box's inputs and outputs"),
+    (34, "recording exceeds its maximum duration"),
+    (35, "safety boundary reached"),
+    (36, "too many delayed commands"),
+    (37, "abnormal motion in manual mode"),
+    (38, "abnormal joint angle"),
+    (39, "no communication between the two processors of the power board"),
+    (40, "no solution for the joint trajectory"),
+    (41, "invalid friction file"),
+    (42, "invalid calibration file"),
+    (50, "force torque sensor cannot be read"),
+    (51, "mode of the force torque sensor cannot be set"),
+    (52, "zero of the force torque sensor cannot be set"),
+    (53, "force torque sensor is overloaded"),
+    (60, "linear speed exceeds its limit in servo mode"),
+    (110, "no communication with the arm's base board"),
+    (111, "no communication with an RS-485 device at the control box"),
+];
+
+/// The warnings with a meaning.
+const WARNINGS: [(u8, &str); 5] = [
+    (11, "command queue is full"),
+    (12, "invalid parameter of a command"),
+    (13, "unknown command"),
+    (14, "no solution for a command"),
+    (15, "Modbus command queue is full"),
+];
+
 /// The error and the warning of an arm.
 ///
 /// ```
@@ -74,66 +128,23 @@ impl<'a> TryFrom<Reply<'a>> for Codes {
 
 impl ErrorCode {
     /// The meaning. `None` for 0, and for a number that the vendor's package does not explain.
-    pub const fn meaning(self) -> Option<&'static str> {
-        Some(match self.0 {
-            1 => "emergency stop button of the control box is pressed",
-            2 => "emergency input of the control box is triggered",
-            3 => "emergency stop button of the three-state switch is pressed",
-            10 => "servo motor error",
-            11 => "servo motor 1 error",
-            12 => "servo motor 2 error",
-            13 => "servo motor 3 error",
-            14 => "servo motor 4 error",
-            15 => "servo motor 5 error",
-            16 => "servo motor 6 error",
-            17 => "servo motor 7 error",
-            18 => "no communication with the force torque sensor",
-            19 => "no communication with the end effector",
-            21 => "kinematic error",
-            22 => "self-collision",
-            23 => "joint angle exceeds its limit",
-            24 => "speed exceeds its limit",
-            25 => "planning error",
-            26 => "Linux real-time error",
-            27 => "error in the reply to a command",
-            28 => "no communication with the end module",
-            30 => "measured speed exceeds its limit",
-            31 => "abnormal current, caused by a collision",
-            32 => "three points define no circle",
-            33 => "error of the control box's inputs and outputs",
-            34 => "recording exceeds its maximum duration",
-            35 => "safety boundary reached",
-            36 => "too many delayed commands",
-            37 => "abnormal motion in manual mode",
-            38 => "abnormal joint angle",
-            39 => "no communication between the two processors of the power board",
-            40 => "no solution for the joint trajectory",
-            41 => "invalid friction file",
-            42 => "invalid calibration file",
-            50 => "force torque sensor cannot be read",
-            51 => "mode of the force torque sensor cannot be set",
-            52 => "zero of the force torque sensor cannot be set",
-            53 => "force torque sensor is overloaded",
-            60 => "linear speed exceeds its limit in servo mode",
-            110 => "no communication with the arm's base board",
-            111 => "no communication with an RS-485 device at the control box",
-            _ => return None,
-        })
+    pub fn meaning(self) -> Option<&'static str> {
+        meaning(&ERRORS, self.0)
     }
 }
 
 impl WarningCode {
     /// The meaning. `None` for 0, and for a number that the vendor's package does not explain.
-    pub const fn meaning(self) -> Option<&'static str> {
-        Some(match self.0 {
-            11 => "command queue is full",
-            12 => "invalid parameter of a command",
-            13 => "unknown command",
-            14 => "no solution for a command",
-            15 => "Modbus command queue is full",
-            _ => return None,
-        })
+    pub fn meaning(self) -> Option<&'static str> {
+        meaning(&WARNINGS, self.0)
     }
+}
+
+fn meaning(known: &'static [(u8, &'static str)], number: u8) -> Option<&'static str> {
+    known
+        .iter()
+        .find(|(code, _)| *code == number)
+        .map(|(_, meaning)| *meaning)
 }
 
 /// The number and the meaning, such as `23 (joint angle exceeds its limit)`. A number without a meaning stands alone.
