@@ -594,7 +594,7 @@ local MODBUS, HEARTBEAT, LAST_ID = 0, 1, 3
 local XARM_HEADER, MAX_BODY = 6, 254
 local INVALID = 3
 local STATES = { [3] = "invalid", [4] = "not ready to move", [5] = "warning", [6] = "error" }
-local POSITIONS, AXES = 42, 7
+local POSITIONS, CODES, AXES = 42, 15, 7
 local POSE = { "x (mm)", "y (mm)", "z (mm)", "roll (rad)", "pitch (rad)", "yaw (rad)" }
 
 local xarm_fields = {
@@ -745,6 +745,65 @@ local function raw(register, params, tree, separator)
   return "register " .. register .. separator .. params:hex()
 end
 
+-- The errors that have a meaning.
+local ERRORS = {
+  [1] = "emergency stop button of the control box is pressed",
+  [2] = "emergency input of the control box is triggered",
+  [3] = "emergency stop button of the three-state switch is pressed",
+  [10] = "servo motor error",
+  [11] = "servo motor 1 error",
+  [12] = "servo motor 2 error",
+  [13] = "servo motor 3 error",
+  [14] = "servo motor 4 error",
+  [15] = "servo motor 5 error",
+  [16] = "servo motor 6 error",
+  [17] = "servo motor 7 error",
+  [18] = "no communication with the force torque sensor",
+  [19] = "no communication with the end effector",
+  [21] = "kinematic error",
+  [22] = "self-collision",
+  [23] = "joint angle exceeds its limit",
+  [24] = "speed exceeds its limit",
+  [25] = "planning error",
+  [26] = "Linux real-time error",
+  [27] = "error in the reply to a command",
+  [28] = "no communication with the end module",
+  [30] = "measured speed exceeds its limit",
+  [31] = "abnormal current, caused by a collision",
+  [32] = "three points define no circle",
+  [33] = "error of the control box's inputs and outputs",
+  [34] = "recording exceeds its maximum duration",
+  [35] = "safety boundary reached",
+  [36] = "too many delayed commands",
+  [37] = "abnormal motion in manual mode",
+  [38] = "abnormal joint angle",
+  [39] = "no communication between the two processors of the power board",
+  [40] = "no solution for the joint trajectory",
+  [41] = "invalid friction file",
+  [42] = "invalid calibration file",
+  [50] = "force torque sensor cannot be read",
+  [51] = "mode of the force torque sensor cannot be set",
+  [52] = "zero of the force torque sensor cannot be set",
+  [53] = "force torque sensor is overloaded",
+  [60] = "linear speed exceeds its limit in servo mode",
+  [110] = "no communication with the arm's base board",
+  [111] = "no communication with an RS-485 device at the control box",
+}
+-- The warnings that have a meaning.
+local WARNINGS = {
+  [11] = "command queue is full",
+  [12] = "invalid parameter of a command",
+  [13] = "unknown command",
+  [14] = "no solution for a command",
+  [15] = "Modbus command queue is full",
+}
+
+local function code(number, meanings)
+  if number == 0 then return "none" end
+  local meaning = meanings[number]
+  return meaning and string.format("%d (%s)", number, meaning) or tostring(number)
+end
+
 local function xarm_request(register, params, tree)
   local known = REGISTERS[register]
   if known then return known.request(params, tree) end
@@ -753,10 +812,21 @@ end
 
 local function xarm_reply(register, state, params, tree)
   local known = REGISTERS[register]
-  if not known then return raw(register, params, tree, ": ") end
-  if params.len > 0 then return known.answer(params, tree) end
+  local with_state = ", state: " .. state_text(state)
+  if not known then
+    local text = raw(register, params, tree, ": ")
+    if register == CODES and params.len >= 2 then
+      local error, warning = code(params:byte(0), ERRORS), code(params:byte(1), WARNINGS)
+      text = string.format("%s (error: %s, warning: %s)", text, error, warning)
+    end
+    return text .. with_state
+  end
+  local text = known.empty .. ": " .. known.none
+  if params.len > 0 then text = known.answer(params, tree) end
+  if not text then return nil end
+  -- A refusal has no value, whatever its parameters are.
   if bit(state, INVALID) then return string.format("%s: not reported (state %s)", known.empty, state_text(state)) end
-  return known.empty .. ": " .. known.none
+  return text .. with_state
 end
 
 local function xarm_answer(register, body, tree)
@@ -766,7 +836,6 @@ local function xarm_answer(register, body, tree)
   local len = documented_parameters(register, body.len - 2)
   local text, rest = xarm_reply(register, state, body:part(2, len), tree), body.len - 2 - len
   if not text then return nil end
-  if not bit(state, INVALID) then text = text .. ", state: " .. state_text(state) end
   if rest > 0 then
     tree:add(xarm_fields.extra, body:range(2 + len, rest))
     text = text .. ", extra: " .. body:part(2 + len, rest):hex()
