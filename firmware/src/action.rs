@@ -1,9 +1,10 @@
 //! Actions of the bridge that only firmware can take: writing the configuration to flash, and restarts.
 //!
 //! The F405 cannot fetch code from its flash during an erase or a write. The core stalls for 250 ms, and 500 ms at
-//! worst, while a sector of 16 kB is erased, which happens once in some hundred saves: at the next start, or before that in a
+//! worst, while a sector of 16 kB is erased. This happens once in some hundred saves: at the next start, or earlier in a
 //! save while no host has the serial port open. USB and CAN do not respond meanwhile, and bytes from the arm are lost and
-//! counted as an overrun of the ring. A store that crashed its load is replaced by the erase of both sectors. The watchdog's timeout is longer.
+//! counted as an overrun of the ring. A store that crashed its load is replaced by the erase of both sectors. The
+//! watchdog's timeout is longer.
 
 use armwire_bridge::config::Config;
 use armwire_bridge::control::Failure;

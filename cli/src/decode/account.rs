@@ -120,7 +120,7 @@ impl<'a> Account<'a> {
         if parts.is_empty() {
             parts.push(Part::always("packets read", 0));
         }
-        // What is read before an error has a sum, too.
+        // Units before an error have a sum, too.
         if read.is_ok() || self.data > 0 || self.doubts.count() > 0 {
             let others = self.others.iter().map(|(kind, count)| Part::some(kind, *count));
             let mut sum: Vec<_> = parts.iter().map(Part::to_string).collect();
@@ -176,11 +176,11 @@ impl<'a> Account<'a> {
     }
 }
 
-/// What is wrong with a recording, in words.
+/// The faults of a recording, in words.
 #[derive(Debug, Default, PartialEq)]
 pub(super) struct Verdict {
-    /// What is printed in any case: parts that are not understood, and that there is no frame.
+    /// Those that are printed in any case: parts that are not understood, and the lack of a frame.
     pub(super) warnings: Vec<String>,
-    /// What the sum shows: noise, and the like.
+    /// Those that only the sum shows: noise, and the like.
     pub(super) flaws: Vec<String>,
 }

@@ -40,7 +40,7 @@ pub(super) const UNKNOWN: &str = "packets of unknown links";
 /// USB of macOS.
 const USB_DARWIN: Linktype = Linktype(266);
 
-/// What a link type has.
+/// The contents of the packets of a link type.
 #[derive(Clone, Copy, PartialEq)]
 pub(super) enum Link {
     Can,
@@ -89,7 +89,7 @@ pub(super) fn refusal(link: Linktype) -> Option<String> {
 pub(super) const NO_NETWORK: &str = "a capture of a network, such as Ethernet: 'tshark -X lua_script:tools/wireshark/armwire.lua \
                                   -r FILE' shows an xArm's frames in it";
 
-/// What a packet is. The time is in nanoseconds.
+/// The unit of a packet. The time is in nanoseconds.
 pub(super) fn packet<'a>(link: Link, packet: &'a [u8], is_big_endian: bool, nanos: u64, bus: &'a str) -> Read<'a> {
     match (link, packet.split_at_checked(COOKED_HEADER)) {
         (Link::Can, _) => socketcan(packet, nanos, bus),

@@ -334,7 +334,7 @@ fn cooked_capture_may_have_a_network_beside_a_bus() {
     );
 }
 
-/// What `decode --pcapng` writes for a recording.
+/// The file that `decode --pcapng` writes for a recording.
 fn written(recording: &[u8], arm: ArmKind, from: Option<Speaker>) -> Vec<u8> {
     let path = std::env::temp_dir().join(format!(
         "armwire-written-{}-{:?}",

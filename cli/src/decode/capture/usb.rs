@@ -37,7 +37,7 @@ struct Header<'a> {
     data: &'a [u8],
 }
 
-/// What a packet is. The time is in nanoseconds.
+/// The unit of a packet. The time is in nanoseconds.
 pub(super) fn packet(form: Form, packet: &[u8], is_big_endian: bool, nanos: u64) -> Read<'_> {
     let header = match form {
         Form::Linux { header } => usbmon(packet, header, is_big_endian),

@@ -1,8 +1,9 @@
 //! The end of a bus reset, on revisions before B2.
 //!
 //! There the controller is connected only after 800 µs without traffic, which a hub with other devices may never leave
-//! (RP2040-E5). It sees an idle bus here for a millisecond: GPIO15, which nothing else uses, is its D+ meanwhile. The order is that
-//! of pico-sdk (`rp2040_usb_device_enumeration.c`), which then also waits, without a limit, for CONNECTED of SIE_STATUS.
+//! (RP2040-E5). It sees an idle bus here for a millisecond: GPIO15, which nothing else uses, is its D+ meanwhile. The
+//! order is that of pico-sdk (`rp2040_usb_device_enumeration.c`), which then also waits, without a limit, for CONNECTED of
+//! SIE_STATUS.
 
 use embassy_rp::pac::io::vals::{Gpio15ctrlFuncsel, Inover, Oeover};
 use embassy_rp::pac::{IO_BANK0, PADS_BANK0, USB};
