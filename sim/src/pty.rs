@@ -23,8 +23,8 @@ use link::Link;
 /// Both ends of a pty in raw mode. The server's end is non-blocking.
 ///
 /// Clients may open and close the pty at any time; only their bytes are visible to the server. Unread bytes of one
-/// client remain for the next, unless it empties its input buffer, as serial libraries can. Dropping this closes the
-/// pty and removes its symbolic link.
+/// client remain for the next, unless it empties its input buffer, as serial libraries can. Dropping this removes
+/// its symbolic link and closes the pty.
 ///
 /// ```
 /// use std::io::{Read, Write};
@@ -45,12 +45,13 @@ use link::Link;
 /// ```
 #[derive(Debug)]
 pub struct Pty {
+    /// Dropped first: the system may give the number of a closed pty to another one, and this would link to that.
+    link: Option<Link>,
     /// The server's end.
     controller: OwnedFd,
     /// The clients' end, kept open to avoid a hang-up when the last client closes it.
     user: OwnedFd,
     device: PathBuf,
-    link: Option<Link>,
 }
 
 impl Pty {
@@ -78,10 +79,10 @@ impl Pty {
 
         let link = link.map(|path| Link::place(path, &device)).transpose()?;
         Ok(Self {
+            link,
             controller,
             user,
             device,
-            link,
         })
     }
 
@@ -248,6 +249,27 @@ mod tests {
         assert_eq!(fs::read_link(&link).unwrap(), pty.device);
         drop(pty);
         assert!(fs::symlink_metadata(&link).is_err());
+    }
+
+    #[test]
+    fn link_is_removed_before_its_pty_is() {
+        let link = free_path("order");
+        for _ in 0..200 {
+            let pty = Pty::open(Some(&link)).unwrap();
+            let is_there = || fs::symlink_metadata(&link).is_ok();
+            std::thread::scope(|scope| {
+                let dangles = scope.spawn(|| {
+                    while is_there() {
+                        if fs::metadata(&link).is_err() && is_there() {
+                            return true;
+                        }
+                    }
+                    false
+                });
+                drop(pty);
+                assert!(!dangles.join().unwrap());
+            });
+        }
     }
 
     #[test]
