@@ -150,7 +150,8 @@ pub enum Event<'a, R> {
     Late(R),
     /// A response without a request.
     Unsolicited(R),
-    /// A request: an echo of the line, or a request of another host.
+    /// A frame with the [form of a request](crate::correlation::Correlation::is_request): an echo of the line, or a request
+    /// of another host.
     Echo,
     /// A valid frame that is neither a message of the protocol nor the answer to the request in flight.
     Unknown {
@@ -932,7 +933,7 @@ impl<M: Messages, const N: usize> Client<M, N> {
             },
             (Match::Late { .. }, Ok(response)) => Event::Late(response),
             (Match::Unsolicited, Ok(response)) => Event::Unsolicited(response),
-            (Match::Unsolicited, Err(_)) if !M::LOSSLESS && self.messages.parse_request(bytes).is_ok() => Event::Echo,
+            (Match::Unsolicited, Err(_)) if self.messages.is_request(bytes) => Event::Echo,
             (Match::Late { .. } | Match::Unsolicited, Err(error)) => Event::Unknown { frame: bytes, error },
         }
     }

@@ -75,6 +75,12 @@ pub trait Correlation: Framing {
     /// never matches, because the line may echo it.
     fn is_response_to(&self, key: Self::Key, frame: &[u8]) -> bool;
 
+    /// Returns true if a frame has the form of a request, and of no response: a [client](crate::Client) that receives it
+    /// reports an echo. Always `false` for a protocol whose line echoes nothing.
+    fn is_request(&self, _frame: &[u8]) -> bool {
+        false
+    }
+
     /// Writes the sender's number into a request, on protocols with a field for it.
     fn stamp(&self, _frame: &mut [u8], _number: u16) {}
 }

@@ -135,12 +135,10 @@ impl Correlation for Alpha1 {
             (Key::Acknowledgement { id }, &[byte]) => {
                 ServoId::new(id).is_ok_and(|servo| acknowledgement(servo) == byte)
             }
-            (Key::Servo { row, id }, &[first, _, from, status, ..]) => {
-                (first, from) == (row, id) && !is_servo_command(row, status)
-            }
+            (Key::Servo { row, id }, &[first, _, from, ..]) => (first, from) == (row, id) && !self.is_request(frame),
             (Key::ChangeId { from, to }, &[header::SERVO, _, id, status, _, was, ..]) => match status {
                 SUCCESS => (id, was) == (to, from),
-                _ => (id == from || id == to) && !is_servo_command(header::SERVO, status),
+                _ => (id == from || id == to) && !self.is_request(frame),
             },
             // A request never has the length of a response, except for the hardware version, whose count is never 0 in
             // a response.
@@ -158,12 +156,13 @@ impl Correlation for Alpha1 {
             _ => false,
         }
     }
-}
 
-/// Returns true if this byte, at the offset of a servo's status, is a command to the servo.
-fn is_servo_command(row: u8, byte: u8) -> bool {
-    match row {
-        header::SERVO => command::ALL.contains(&byte),
-        _ => version_command::ALL.contains(&byte),
+    /// A robot's request is no frame in the direction of its responses: only those to servos come back whole.
+    fn is_request(&self, frame: &[u8]) -> bool {
+        match *frame {
+            [header::SERVO, _, _, command, ..] => command::ALL.contains(&command),
+            [header::SERVO_VERSION, _, _, command, ..] => version_command::ALL.contains(&command),
+            _ => false,
+        }
     }
 }
