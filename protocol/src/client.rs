@@ -260,7 +260,7 @@ impl<M: Messages, const N: usize> Outgoing<M, N> {
         let Some(call) = self.call.as_mut().filter(|call| call.state == State::Ready) else {
             return;
         };
-        if !self.fences.pending().is_empty() {
+        if !self.fences.pending::<M>().is_empty() {
             return;
         }
         if call.sends > 0 {
@@ -286,7 +286,7 @@ impl<M: Messages, const N: usize> Outgoing<M, N> {
         if are_fences_on && (is_fenced || call.is_reading && !self.fences.are_known()) {
             self.fences.start(messages, &self.exchange, now);
         }
-        if may_go && self.fences.pending().is_empty() {
+        if may_go && self.fences.pending::<M>().is_empty() {
             // One read suffices if no old answer can be taken for the new one.
             call.state = State::Reading(if M::HAS_TRANSACTION_ID { 0 } else { config.backlog });
         } else if !may_go && are_fences_on {
@@ -309,7 +309,7 @@ impl<M: Messages, const N: usize> Outgoing<M, N> {
 
     /// The next bytes to transmit.
     fn pending(&self) -> &[u8] {
-        let fence = self.fences.pending();
+        let fence = self.fences.pending::<M>();
         match &self.call {
             _ if self.void > 0 => ZEROS.get(..self.void).unwrap_or(&ZEROS),
             _ if !fence.is_empty() => fence,
@@ -334,7 +334,7 @@ impl<M: Messages, const N: usize> Outgoing<M, N> {
             self.void = self.void.saturating_sub(n);
             return;
         }
-        if !self.fences.pending().is_empty() {
+        if !self.fences.pending::<M>().is_empty() {
             let complete = self.fences.transmitted(n, now, config.latency, config.stale_window);
             if let Some(fence) = complete
                 && let Some(info) = messages.request(fence.frame)
@@ -395,6 +395,28 @@ impl<M: Messages, const N: usize> Outgoing<M, N> {
         let response = self.info?.response?;
         let windows = config.stale_window + config.stale_window;
         Some(call.blocked? + windows.max(config.timeout(self.len, response)))
+    }
+
+    /// Tells the fences of a frame, before which this number of them had no answer, and sets the stale window.
+    fn update_fences(&mut self, matched: Match<Who>, missing: u16, config: &Config, now: Instant) {
+        if let Match::Late { who: Who::Fence, .. } = matched {
+            self.fences.answered(&self.exchange, now, config.stale_window);
+        } else {
+            if !matches!(matched, Match::Unsolicited) {
+                self.fences.heard();
+            }
+            let left = self.exchange.missing_answers_of(Who::Fence);
+            self.fences.lost(missing.saturating_sub(left));
+        }
+        if self.exchange.out_of_order() > 0 {
+            self.fences.out_of_order();
+        }
+        if !self.fences.are_on::<M>() {
+            self.exchange.set_stale_window(config.stale_window);
+        } else if self.fences.are_answered() {
+            // Only order shows that an answer is lost.
+            self.exchange.set_stale_window(Duration::MAX);
+        }
     }
 
     /// Handles a missing answer: schedules a repeat, or ends the call and returns its number of transmissions.
@@ -884,31 +906,14 @@ impl<M: Messages, const N: usize> Client<M, N> {
                     .map_or(Instant::ZERO, |newest| newest + Duration::from_micros(1));
                 self.newest = Some(time_of_state(sent, self.last_rx).max(least));
                 self.time_of_state = self.newest;
-                out.fences.heard();
             }
-            Match::Late { who: Who::Fence, .. } => {
-                out.fences.answered(&out.exchange, now, self.config.stale_window);
-            }
-            Match::Unsolicited => {}
+            Match::Late { who: Who::Fence, .. } | Match::Unsolicited => {}
         }
         if let Match::Answer { .. } = matched {
             out.end();
         }
-        if !has_fences {
-            return Some(matched);
-        }
-        if !matches!(matched, Match::Late { who: Who::Fence, .. }) {
-            let left = out.exchange.missing_answers_of(Who::Fence);
-            out.fences.lost(fences.saturating_sub(left));
-        }
-        if out.exchange.out_of_order() > 0 {
-            out.fences.out_of_order();
-        }
-        if !out.fences.are_on::<M>() {
-            out.exchange.set_stale_window(self.config.stale_window);
-        } else if out.fences.are_answered() {
-            // Only order shows that an answer is lost.
-            out.exchange.set_stale_window(Duration::MAX);
+        if has_fences {
+            out.update_fences(matched, fences, &self.config, now);
         }
         Some(matched)
     }

@@ -221,6 +221,10 @@ impl<D: Correlation, I: Copy + Eq, const N: usize> Exchange<D, I, N> {
 
     /// A reading was handed over that [may overtake](Self::can_overtake) those before it.
     pub fn overtake(&mut self, info: InfoOf<D>, who: I, handover: Handover) {
+        if D::HAS_TRANSACTION_ID {
+            self.begin(info, who, handover);
+            return;
+        }
         let is_overtaken = |sent: &Sent<D, I>| sent.stale && sent.is_of(info.key, who);
         let mut overtaken = self.sends.remove_first_where(is_overtaken);
         if let Some(sent) = &mut overtaken {
@@ -348,7 +352,8 @@ impl<D: Correlation, I: Copy + Eq, const N: usize> Exchange<D, I, N> {
 
     /// Counts a frame that answers a send which order has resolved.
     fn check_order(&mut self, correlation: &D, frame: &[u8], now: Instant) {
-        if let Some((key, until)) = self.lost
+        if correlation.keeps_order()
+            && let Some((key, until)) = self.lost
             && now <= until
             && self.saturated.is_none()
             && correlation.is_response_to(key, frame)

@@ -59,22 +59,27 @@ impl Correlation for Ling {
 
     /// An error frame is a response to every request, because it names none.
     fn is_response_to(&self, key: Key, frame: &[u8]) -> bool {
-        let &[_, command, function, _, _, ..] = frame else {
-            return false;
-        };
-        command == ERROR || (Key { command, function }) == key && !self.is_request(frame)
-    }
-
-    fn is_request(&self, frame: &[u8]) -> bool {
         let &[_, command, function, len, data, ..] = frame else {
             return false;
         };
-        // Requests have one data byte, which is FE unless it sets a value.
-        match (command, function, len) {
-            (ERROR, _, _) => false,
-            (SELF_CHECK, 0x00, 0) | (0x05, _, _) | (0x06, 0x01, 1) | (0x06, 0x03, _) => true,
-            (_, _, 1) => data == NO_VALUE,
+        command == ERROR || (Key { command, function }) == key && !is_request(key, len, data)
+    }
+
+    fn is_request(&self, frame: &[u8]) -> bool {
+        match *frame {
+            [_, command, function, len, data, ..] => is_request(Key { command, function }, len, data),
             _ => false,
         }
+    }
+}
+
+/// Returns true if a frame with this length byte and first data byte is a request. Requests have one data byte, which is
+/// FE unless it sets a value.
+fn is_request(key: Key, len: u8, data: u8) -> bool {
+    match (key.command, key.function, len) {
+        (ERROR, _, _) => false,
+        (SELF_CHECK, 0x00, 0) | (0x05, _, _) | (0x06, 0x01, 1) | (0x06, 0x03, _) => true,
+        (_, _, 1) => data == NO_VALUE,
+        _ => false,
     }
 }
