@@ -2,7 +2,7 @@
 
 use armwire::alpha1::{self, Alpha1};
 use armwire::correlation::{Correlation, Effect, InfoOf, RequestInfo};
-use armwire::framing::{Framing, Length, Scan};
+use armwire::framing::{Framing, LONGEST_VOID, Length, Scan};
 use armwire::ling::{self, Ling};
 use armwire::raw::Raw;
 
@@ -102,6 +102,7 @@ impl ArmKind {
 }
 
 impl Framing for ArmKind {
+    const VOID: Option<usize> = Some(LONGEST_VOID);
     type Expect = Expect;
 
     fn scan(&self, window: &[u8], expect: Expect) -> Scan {

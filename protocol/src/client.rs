@@ -138,7 +138,8 @@ pub enum Event<'a, R> {
         /// The frame.
         frame: &'a [u8],
     },
-    /// The request in flight was transmitted. It has no answer and is complete.
+    /// The request in flight was transmitted. It has no answer, or was [cancelled](Client::cancel) too late, and is
+    /// complete.
     Sent,
     /// The request in flight got no answer in time.
     TimedOut {
@@ -206,6 +207,8 @@ struct Call {
     repeats: u8,
     /// True for one of many readings, which does not wait for those before.
     is_reading: bool,
+    /// It was cancelled after its first byte, and has no void.
+    is_cancelled: bool,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -220,6 +223,11 @@ enum State {
     Waiting,
     /// Transmitted; no answer is expected.
     Sent,
+}
+
+/// Returns true if a request of this protocol is transmitted to its end, once begun.
+const fn is_completed<M: Messages>() -> bool {
+    M::VOID.is_none() && !M::LOSSLESS
 }
 
 /// The outgoing frame and its possible answers.
@@ -245,8 +253,15 @@ impl<M: Messages, const N: usize> Outgoing<M, N> {
         let call = self.call.take();
         self.exchange.give_up(Who::Call);
         if let Some(State::Writing(1..)) = call.map(|call| call.state) {
-            self.void = M::LONGEST;
+            // A lossless line breaks.
+            self.void = M::VOID.unwrap_or(1);
         }
+    }
+
+    /// Returns true if a frame is partly transmitted that cannot be voided: its end comes before anything else.
+    fn must_complete(&self) -> bool {
+        let state = self.call.as_ref().map(|call| call.state);
+        is_completed::<M>() && matches!(state, Some(State::Writing(1..)))
     }
 
     /// Stops transmission, even inside a frame: the arm must not execute a request that has failed.
@@ -369,6 +384,10 @@ impl<M: Messages, const N: usize> Outgoing<M, N> {
         }
         call.sends = call.sends.saturating_add(1);
         call.state = State::Waiting;
+        if is_completed::<M>() && call.is_cancelled {
+            call.state = State::Sent;
+            self.exchange.give_up(Who::Call);
+        }
     }
 
     /// Returns true if the request in flight is being transmitted.
@@ -471,10 +490,10 @@ impl<M: Messages, const N: usize> Outgoing<M, N> {
 /// earlier requests, and the client cannot know their age: hence *reading*.
 ///
 /// A request that ended in *writing*, by `cancel` or by an answer before the end of its repeat, is never executed: if
-/// the port has accepted some of its bytes, the client transmits a *void* before anything else. These
-/// [`LONGEST`](crate::framing::Framing::LONGEST) zeros make the arm discard the partial frame. A
-/// [lossless](crate::framing::Framing::LOSSLESS) line breaks instead, with [`Reason::Abandoned`]. The rule does not
-/// cover an arm that executes a request before its last byte.
+/// the port has accepted some of its bytes, the client transmits a [*void*](crate::framing::Framing::VOID) before anything
+/// else. These zeros make the arm discard the partial frame. A [lossless](crate::framing::Framing::LOSSLESS) line breaks
+/// instead, with [`Reason::Abandoned`]. The rule does not cover an arm that executes a request before its last byte, and
+/// no request of a protocol without a void: once begun, it is transmitted to its end.
 ///
 /// ```
 /// use armwire::ling::{JointState, Ling, MotionStatus, Request, Response};
@@ -675,6 +694,7 @@ impl<M: Messages, const N: usize> Client<M, N> {
             sends: 0,
             repeats: if is_reading { 0 } else { self.config.repeats },
             is_reading,
+            is_cancelled: false,
         });
         Ok(())
     }
@@ -683,6 +703,9 @@ impl<M: Messages, const N: usize> Client<M, N> {
     ///
     /// An unstarted request is never sent, a partly transmitted one is never executed (see [`Client`]), and the answer
     /// to a transmitted one becomes [`Event::Late`]. Another request may be submitted at once.
+    ///
+    /// A partly transmitted request that cannot be [voided](crate::framing::Framing::VOID) stays in flight until all of it
+    /// is transmitted. The arm executes it, and [`Event::Sent`] reports that.
     ///
     /// ```
     /// # use armwire::ling::{Ling, Request};
@@ -694,8 +717,11 @@ impl<M: Messages, const N: usize> Client<M, N> {
     /// assert_eq!(client.poll(Instant::ZERO), Output::Timeout(None));
     /// ```
     pub fn cancel(&mut self) {
-        if self.outgoing.call.is_some() {
-            self.outgoing.end();
+        let is_late = self.outgoing.must_complete();
+        match &mut self.outgoing.call {
+            Some(call) if is_late => call.is_cancelled = true,
+            Some(_) => self.outgoing.end(),
+            None => {}
         }
     }
 
@@ -813,6 +839,11 @@ impl<M: Messages, const N: usize> Client<M, N> {
             out.call = None;
             return Output::Event(Event::Sent);
         }
+        if out.must_complete() {
+            out.offered = now;
+            return Output::Transmit(self.outgoing.pending());
+        }
+        let out = &self.outgoing;
         // Silence rejects a false header that delays the answer, and completes an answer that only silence ends.
         let due = out.due();
         if due.is_some_and(|due| due <= now) && self.last_rx + self.config.latency <= now {

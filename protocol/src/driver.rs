@@ -170,7 +170,7 @@ impl Counters {
 ///
 /// **Dropping a call** before it is complete is allowed if the port's writes may be dropped too. An unstarted request
 /// is then never sent, and a partly written one is never executed: the next call makes the arm discard it, as
-/// [`Client`] describes. A written one is flushed by the next call, and a later answer to it satisfies no request.
+/// [`Client`] describes, or writes its rest if it has no void. A written one is flushed by the next call, and a later answer to it satisfies no request.
 ///
 /// **Timeouts** begin when the port has accepted the last byte. A flush does not extend them: an answer can be taken
 /// for the answer to a newer request if its own request left the port after [`Config::stale_window`].
@@ -242,6 +242,7 @@ impl<M: Messages, Port: Read + Write, C: Clock, const N: usize> Driver<M, Port, 
     ) -> Result<Option<T>, CallError<Port::Error>> {
         // A request in flight belongs to a call that was dropped or has failed.
         self.client.cancel();
+        self.complete().await?;
         self.flush().await?;
         self.client.submit(request).map_err(CallError::Submit)?;
         // The receive errors since the last byte, and the last of them.
@@ -320,6 +321,18 @@ impl<M: Messages, Port: Read + Write, C: Clock, const N: usize> Driver<M, Port, 
     /// The port and the clock.
     pub fn into_parts(self) -> (Port, C) {
         (self.port, self.clock)
+    }
+
+    /// Transmits the rest of a cancelled request that has no void.
+    async fn complete(&mut self) -> Result<(), CallError<Port::Error>> {
+        while !self.client.is_idle() {
+            if let Output::Transmit(bytes) = self.client.poll(self.clock.now()) {
+                let len = bytes.len();
+                let n = self.port.write(bytes).await.map_err(CallError::Io)?;
+                self.accepted(n, len).await?;
+            }
+        }
+        Ok(())
     }
 
     /// The port accepted `n` of `len` bytes. Flushes after the last of them.

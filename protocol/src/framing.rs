@@ -100,6 +100,10 @@ pub struct Length {
     pub overhead: usize,
 }
 
+/// The length of a [void](Framing::VOID) for a protocol whose length field has one byte and counts all but at most six
+/// bytes.
+pub const LONGEST_VOID: usize = u8::MAX as usize + 6;
+
 /// The boundaries of frames on one kind of line.
 ///
 /// An implementation keeps no state of the stream: it classifies the front of the bytes received so far. The
@@ -110,10 +114,13 @@ pub trait Framing: Copy + Eq + Debug {
     /// that cannot begin a frame break the stream ([`Scan::Broken`]).
     const LOSSLESS: bool = false;
 
-    /// The length of a *void*: zeros after which a receiver has discarded a partly transmitted frame, whatever its
-    /// bytes are. That is the longest frame that a receiver may wait for, since zero is no terminator: the length field
-    /// of every protocol on a serial line has one byte, and counts all but at most six bytes.
-    const LONGEST: usize = u8::MAX as usize + 6;
+    /// The length of a *void*: zeros after which a receiver has discarded a partly transmitted request, whatever its bytes
+    /// are, and has executed none. That is the longest frame that a receiver may wait for, if no request ends with a zero:
+    /// [`LONGEST_VOID`] on most serial lines.
+    ///
+    /// `None` if zeros may complete a request, for example one that ends with a checksum: a [client](crate::Client) then
+    /// transmits each request to its end. A [lossless](Self::LOSSLESS) line has no void, because it breaks instead.
+    const VOID: Option<usize> = None;
 
     /// The expectation of the next frame, for protocols whose frames do not contain their length; otherwise `()`.
     type Expect: Copy + Eq + Debug;

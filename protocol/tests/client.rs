@@ -4,7 +4,7 @@ use std::fmt::Debug;
 
 use armwire::alpha1::{self, Alpha1, Text};
 use armwire::correlation::{Correlation, Effect};
-use armwire::framing::{Framing, Reason};
+use armwire::framing::{LONGEST_VOID, Reason};
 use armwire::ling::{
     self, GripperSpeed, JointState, Ling, MotionStatus, Move, Opening, Position, Request, Response, Speed, Stroke,
     Torque,
@@ -536,7 +536,7 @@ fn assert_voided<M: Messages + Default>(request: M::Request<'_>, next: M::Reques
         let sent = host.transmit_bytes();
         assert_eq!(
             sent,
-            [&vec![0; M::LONGEST][..], &next_bytes].concat(),
+            [&vec![0; LONGEST_VOID][..], &next_bytes].concat(),
             "after {part} bytes"
         );
         let line = [&whole[..part], &sent].concat();
@@ -571,7 +571,7 @@ fn void_is_completed_before_any_other_byte() {
     host.send_part(motion(2_048), 5);
     host.client.cancel();
     let mut zeros = 0;
-    while zeros < Ling::LONGEST {
+    while zeros < LONGEST_VOID {
         // Calls that end in the meantime do not change it.
         host.client.submit(&Request::SetTorque(Torque::On)).unwrap();
         host.client.received(host.now, 0).unwrap();
@@ -603,7 +603,7 @@ fn repeat_is_voided_by_an_answer() {
     );
     host.client.transmitted(host.now, 3).unwrap();
     assert_eq!(host.receive(&bytes(JOINTS)), [answer()]);
-    assert_eq!(host.transmit_bytes(), [0; Ling::LONGEST]);
+    assert_eq!(host.transmit_bytes(), [0; LONGEST_VOID]);
     host.send(Request::ReadJoints);
     assert_eq!(host.receive(&bytes(JOINTS)), [answer()]);
 }

@@ -9,7 +9,7 @@ use std::task::{Context, Poll, Waker};
 
 use armwire::correlation::Correlation;
 use armwire::driver::{CallError, Clock, Counters};
-use armwire::framing::{Framing, Reason, Scan};
+use armwire::framing::{Framing, LONGEST_VOID, Reason, Scan};
 use armwire::ling::*;
 use armwire::messages::Messages;
 use armwire::time::{Duration, Instant};
@@ -469,7 +469,7 @@ fn call_dropped_in_midframe_is_never_executed() {
             [Request::SetTorque(Torque::Off)],
             "{room} bytes"
         );
-        assert_eq!(world.borrow().line.len(), room + Ling::LONGEST + 7);
+        assert_eq!(world.borrow().line.len(), room + LONGEST_VOID + 7);
     }
 }
 
@@ -484,7 +484,7 @@ fn dropped_void_is_completed_by_next_call() {
     world.borrow_mut().room = usize::MAX;
     assert_eq!(run(&world, arm.read_stroke()), Ok(Stroke::Mm75));
     assert_eq!(world.borrow().requests, [Request::ReadStroke]);
-    assert_eq!(world.borrow().line.len(), 3 + Ling::LONGEST + 7);
+    assert_eq!(world.borrow().line.len(), 3 + LONGEST_VOID + 7);
 }
 
 #[test]
@@ -608,7 +608,7 @@ fn fate() -> impl Strategy<Value = Fate> {
 
 /// Returns true if the bytes are requests of 7 bytes, and parts of requests that a void follows.
 fn is_requests_and_voids(mut line: &[u8]) -> bool {
-    let void = [0; Ling::LONGEST];
+    let void = [0; LONGEST_VOID];
     while !line.is_empty() {
         let whole = line.get(..READ_JOINTS.len());
         let is_void = |rest: &[u8]| rest.starts_with(&void) && rest.get(void.len()).is_none_or(|next| *next == 0xAA);

@@ -8,7 +8,7 @@ use std::vec;
 use std::vec::Vec;
 
 use armwire::decoder::{Decoder, Kind};
-use armwire::framing::Framing;
+use armwire::framing::{Framing, LONGEST_VOID};
 use armwire::ling::{self, Ling};
 use armwire::messages::Messages;
 
@@ -485,7 +485,7 @@ pub(super) fn ling_responder() -> impl FnMut(&[u8]) -> Option<(u64, Vec<u8>)> {
 
 /// The bursts of a void of the adapter.
 pub(super) fn void() -> Vec<Vec<u8>> {
-    vec![0; Ling::LONGEST].chunks(MAX_FRAME).map(<[u8]>::to_vec).collect()
+    vec![0; LONGEST_VOID].chunks(MAX_FRAME).map(<[u8]>::to_vec).collect()
 }
 
 /// A Ling frame.

@@ -7,8 +7,7 @@ use std::vec;
 use std::vec::Vec;
 
 use armwire::alpha1::{self, Alpha1};
-use armwire::framing::Framing;
-use armwire::ling::Ling;
+use armwire::framing::LONGEST_VOID;
 use armwire::messages::Messages;
 use proptest::prelude::*;
 
@@ -417,7 +416,7 @@ fn zeros_of_the_adapter_follow_each_other() {
 #[test]
 fn void_of_usb_host_ends_its_turn() {
     for begun in [&JOINTS[..2], &[0xAA, 0x06, 0x03, 0x40, 0xAA], b"raw"] {
-        for (zeros, waits) in [(Ling::LONGEST - 1, true), (Ling::LONGEST, false)] {
+        for (zeros, waits) in [(LONGEST_VOID - 1, true), (LONGEST_VOID, false)] {
             let mut rig = Rig::new(Config::default());
             rig.usb_out.extend(begun);
             rig.run(100);

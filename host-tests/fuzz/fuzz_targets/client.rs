@@ -382,7 +382,7 @@ impl<P: Subject, const N: usize> Model<P, N> {
         if pending.part > 0 {
             match P::LOSSLESS {
                 true => self.abandoned = true,
-                false => self.void = P::LONGEST,
+                false => self.void = P::VOID.expect("a lossy line has a void"),
             }
         }
         Some(pending)

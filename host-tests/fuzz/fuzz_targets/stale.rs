@@ -6,7 +6,7 @@
 use core::num::NonZeroU32;
 
 use armwire::correlation::Correlation;
-use armwire::framing::Framing;
+use armwire::framing::LONGEST_VOID;
 use armwire::ling::{
     Info, JointState, Ling, MAX_FRAME, MotionStatus, PerServo, Request, Response, SerialNumber, Stroke, Torque, Version,
 };
@@ -187,7 +187,7 @@ impl World {
     fn end(&mut self) -> Option<Flight> {
         let flight = self.flight.take()?;
         if flight.part > 0 {
-            self.void = Ling::LONGEST;
+            self.void = LONGEST_VOID;
         }
         Some(flight)
     }

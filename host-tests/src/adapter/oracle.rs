@@ -8,7 +8,7 @@ use std::collections::{BTreeMap, VecDeque};
 use std::ops::Range;
 
 use armwire::decoder::{Decoder, Kind};
-use armwire::framing::Framing;
+use armwire::framing::LONGEST_VOID;
 use armwire::ling::{JOINTS, Ling, MAX_FRAME, Request};
 use armwire::messages::Messages;
 use armwire_bridge::Counters;
@@ -672,7 +672,7 @@ impl Oracle {
                     self.zeros_due -= bytes.len();
                     return;
                 }
-                self.zeros_due = Ling::LONGEST - bytes.len();
+                self.zeros_due = LONGEST_VOID - bytes.len();
                 self.half_frame |= self.usb_requests.pending() > 0;
                 assert!(
                     self.half_frame || self.was_other_rate || self.host_timeouts > 0 || self.stopped_until.is_some(),

@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use armwire::framing::Framing;
+use armwire::framing::LONGEST_VOID;
 use armwire::ling::{self, Ling, MAX_FRAME};
 use armwire::messages::Messages;
 use armwire_bridge::Instant;
@@ -626,7 +626,7 @@ impl Rig {
             };
         }
         let expected = if is_armed {
-            [&[0; Ling::LONGEST][..], &super::oracle::TORQUE_OFF].concat()
+            [&[0; LONGEST_VOID][..], &super::oracle::TORQUE_OFF].concat()
         } else {
             vec![]
         };

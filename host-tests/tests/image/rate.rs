@@ -1,7 +1,7 @@
 //! The firmware image and the line's rate: its changes, its return to the arm's rate, and reservations.
 
-use armwire::framing::Framing;
-use armwire::ling::{JOINTS, Ling, Request, Torque};
+use armwire::framing::LONGEST_VOID;
+use armwire::ling::{JOINTS, Request, Torque};
 use armwire_bridge::Duration;
 use armwire_bridge::can::Node;
 use armwire_bridge::can::command::Command;
@@ -196,7 +196,7 @@ fn torque_off_at_the_arms_rate(baud: u32) {
         board.run_for(millis(700)).unwrap();
 
         let torque_off = frame(Request::SetTorque(Torque::Off));
-        let expected = [&motion().repeat(5)[..], &[0; Ling::LONGEST], &torque_off].concat();
+        let expected = [&motion().repeat(5)[..], &[0; LONGEST_VOID], &torque_off].concat();
         let line = to_arm(board);
         let understood = line.iter().filter(|byte| byte.outcome == Outcome::Arrived);
         same_bytes(
@@ -206,7 +206,7 @@ fn torque_off_at_the_arms_rate(baud: u32) {
         );
         let (last, before) = (
             line[line.len() - 1],
-            line[line.len() - Ling::LONGEST - torque_off.len() - 1],
+            line[line.len() - LONGEST_VOID - torque_off.len() - 1],
         );
         assert_eq!(last.outcome, Outcome::Arrived, "nothing is sent after it");
         // The bytes at the other rate were cut just before.

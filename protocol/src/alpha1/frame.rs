@@ -28,7 +28,7 @@ use core::slice;
 
 use super::{Alpha1, MAX_TEXT, Outcome, ServoId};
 use crate::BufferTooShort;
-use crate::framing::{Framing, Reason, Scan, verify, write};
+use crate::framing::{Framing, LONGEST_VOID, Reason, Scan, verify, write};
 
 /// The longest frame, in bytes: a version or name of [`MAX_TEXT`] bytes. On USB HID such a frame takes five reports.
 ///
@@ -254,6 +254,7 @@ impl<'a> Frame<'a> {
 }
 
 impl Framing for Alpha1 {
+    const VOID: Option<usize> = Some(LONGEST_VOID);
     type Expect = Expect;
 
     fn scan(&self, window: &[u8], expect: Expect) -> Scan {

@@ -18,7 +18,7 @@ use crc::{CRC_32_ISO_HDLC, Crc};
 
 use super::Ling;
 use crate::error::at_most;
-use crate::framing::{Framing, Length, Reason, Scan, verify, write};
+use crate::framing::{Framing, LONGEST_VOID, Length, Reason, Scan, verify, write};
 use crate::{BufferTooShort, EncodeError};
 
 /// Maximum number of data bytes in a frame.
@@ -157,6 +157,7 @@ pub(super) fn data_len(window: &[u8], offset: usize, max: usize) -> Result<usize
 }
 
 impl Framing for Ling {
+    const VOID: Option<usize> = Some(LONGEST_VOID);
     type Expect = ();
 
     fn scan(&self, window: &[u8], (): ()) -> Scan {

@@ -1,7 +1,6 @@
 //! Invariants of every run, independent of the fault.
 
-use armwire::framing::Framing;
-use armwire::ling::Ling;
+use armwire::framing::LONGEST_VOID;
 use armwire_bridge::Counters;
 use armwire_bridge::control::{Event, Initiator, MAX_FRAME};
 use armwire_virtual_board::Nanos;
@@ -200,11 +199,11 @@ impl Rig {
         // A host on USB that pauses for more than 10 ms in the middle of a request loses the line.
         let is_cut = faults.contains(&Fault::FullPackets) && faults.contains(&Fault::NakStorm);
         // Zeros end an incomplete request before the request of another host, in several bursts.
-        let bursts = Ling::LONGEST.div_ceil(MAX_FRAME) as u32;
+        let bursts = LONGEST_VOID.div_ceil(MAX_FRAME) as u32;
         let zeros = counted.requests_adapter;
         let noise = arm_counts.noise_bytes - before.noise_bytes;
         findings.expect(
-            zeros == 0 || is_cut && noise * bursts >= zeros * Ling::LONGEST as u32,
+            zeros == 0 || is_cut && noise * bursts >= zeros * LONGEST_VOID as u32,
             || format!("{zeros} bursts of zeros from the adapter, {noise} bytes of noise at the arm"),
         );
         if !self.account.requests_damaged && !is_cut {

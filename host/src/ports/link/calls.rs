@@ -278,7 +278,7 @@ mod tests {
     use std::time::Duration;
 
     use armwire::alpha1::{self, Alpha1, Outcome};
-    use armwire::framing::Framing;
+    use armwire::framing::LONGEST_VOID;
     use armwire::ling::{
         Frame, GripperSpeed, JointState, Ling, MAX_FRAME, Move, Opening, Position, Request, Response, Speed, Stroke,
         TemperatureLimit, Torque,
@@ -443,7 +443,7 @@ mod tests {
         let mut out = [0; MAX_FRAME];
         Ling.encode_request(&motion, &mut out).unwrap();
         let mut expected = out[..5].to_vec();
-        expected.resize(5 + Ling::LONGEST, 0);
+        expected.resize(5 + LONGEST_VOID, 0);
         let n = Ling.encode_request(&Request::SetTorque(Torque::Off), &mut out).unwrap();
         expected.extend(&out[..n]);
         assert_eq!(line.lock().unwrap().written, expected);

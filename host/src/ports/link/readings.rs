@@ -172,7 +172,7 @@ impl<P: Arm> Link<P> {
 mod tests {
     use std::sync::{Arc, Mutex};
 
-    use armwire::framing::Framing;
+    use armwire::framing::LONGEST_VOID;
     use armwire::ling::{GripperSpeed, JointState, Ling, Move, Opening, Position, Request, Speed, Torque};
     use armwire::messages::Messages;
 
@@ -238,7 +238,7 @@ mod tests {
         assert!(link.send(&Request::Move(target)).is_err());
         link.start_reading(&Request::ReadJoints, joint_state).unwrap();
         let sent = sent.lock().unwrap();
-        let (void, read) = sent[10..].split_at(Ling::LONGEST);
+        let (void, read) = sent[10..].split_at(LONGEST_VOID);
         assert!(void.iter().all(|byte| *byte == 0), "{void:02X?}");
         assert_eq!(
             read,
@@ -258,8 +258,8 @@ mod tests {
         link.send(&Request::SetTorque(Torque::Off)).unwrap();
         let sent = sent.lock().unwrap();
         let rest = &sent[10..];
-        assert!(rest[..Ling::LONGEST].iter().all(|byte| *byte == 0), "{sent:02X?}");
-        assert_eq!(rest.len(), Ling::LONGEST + 7);
+        assert!(rest[..LONGEST_VOID].iter().all(|byte| *byte == 0), "{sent:02X?}");
+        assert_eq!(rest.len(), LONGEST_VOID + 7);
     }
 
     #[test]

@@ -14,7 +14,7 @@
 use super::Legacy;
 use crate::BufferTooShort;
 use crate::correlation::{Correlation, InfoOf};
-use crate::framing::{Framing, Scan, verify, write};
+use crate::framing::{Framing, LONGEST_VOID, Scan, verify, write};
 use crate::ling::frame::{HEADER, TAIL, data_len};
 
 /// Maximum number of data bytes in a frame.
@@ -86,6 +86,7 @@ impl<'a> Frame<'a> {
 }
 
 impl Framing for Legacy {
+    const VOID: Option<usize> = Some(LONGEST_VOID);
     type Expect = ();
 
     fn scan(&self, window: &[u8], (): ()) -> Scan {
