@@ -94,6 +94,10 @@ pub enum CallError<E> {
     #[cfg(feature = "ling")]
     #[error("the arm is not stopped: {0}")]
     NotStopped(crate::ling::stop::StopError),
+    /// The Ling arm has not applied the control mode.
+    #[cfg(feature = "ling")]
+    #[error("{0}")]
+    ModeNotApplied(crate::ling::mode_change::ModeError),
     /// The Alpha1, or its servo, reported a failure. It gives no reason.
     #[cfg(feature = "alpha1")]
     #[error("the arm reported a failure")]

@@ -1,7 +1,10 @@
 //! Responses as the values of answers.
 
 use armwire::alpha1::{self, FirmwareVersion, Outcome, ServoId, ServoResponse, ServoStates, Text};
-use armwire::ling::{self, Info, JointState, MotionStatus, PerServo, SelfCheck, SerialNumber, Stroke, Version};
+use armwire::ling::{
+    self, ControlMode, ForceFeedback, Info, JointForce, JointMask, JointState, ModeReply, ModeResult, ModeState,
+    MotionStatus, PerServo, SelfCheck, SerialNumber, Stroke, Version,
+};
 use armwire::xarm::{
     self, Answer, Raw, Register, Reply, RotationRadius, SerialsText, State, TorqueSource, VersionText,
 };
@@ -32,6 +35,17 @@ fn ling_value_is_taken_from_its_answer_only() {
         ling::Response::Temperatures(PerServo::Leader([35; 6])),
         ling::Response::Velocities(PerServo::Leader([0; 6])),
         ling::Response::SelfCheck(SelfCheck(0)),
+        ling::Response::ModeReply(ModeReply {
+            requested: 1,
+            result: ModeResult::Accepted,
+        }),
+        ling::Response::Mode(ModeState {
+            mode: ControlMode::Current,
+            blocked: JointMask(0),
+            valid: JointMask(0),
+            joints: [JointForce::default(); 6],
+        }),
+        ling::Response::ForceFeedback(ForceFeedback::default()),
     ];
     assert_eq!(taken::<_, Info>(&responses), [0]);
     assert_eq!(taken::<_, Stroke>(&responses), [1]);
@@ -39,6 +53,9 @@ fn ling_value_is_taken_from_its_answer_only() {
     assert_eq!(taken::<_, PerServo<u8>>(&responses), [3]);
     assert_eq!(taken::<_, PerServo<u16>>(&responses), [4]);
     assert_eq!(taken::<_, SelfCheck>(&responses), [5]);
+    assert_eq!(taken::<_, ModeReply>(&responses), [6]);
+    assert_eq!(taken::<_, ModeState>(&responses), [7]);
+    assert_eq!(taken::<_, ForceFeedback>(&responses), [8]);
     let other = Stroke::try_from(responses[5]).unwrap_err();
     assert_eq!(other.got, responses[5]);
 }

@@ -42,6 +42,14 @@ fn ling_requests_have_documented_effect_and_response() {
         ("move, gripper half open", Motion, None),
         ("move, gripper open", Motion, None),
         ("self-check", Read, Some(30)),
+        // In position mode again, the torque stays off.
+        ("set position mode", Torque, Some(70)),
+        ("set current mode", Torque, Some(70)),
+        ("read mode", Read, Some(70)),
+        ("force feedback off", Torque, Some(70)),
+        // The motors push the joints.
+        ("force feedback on", Motion, Some(70)),
+        ("read force feedback", Read, Some(70)),
     ];
     assert_eq!(effects(&Ling, &vectors::ling_requests()), expected);
 }
@@ -221,6 +229,24 @@ fn unknown_ling_request_is_a_setting_with_response() {
         }
     );
     assert!(Ling.is_response_to(info.key, &hex("AA 07 00 02 05 06 00 FF")));
+}
+
+#[test]
+fn answers_of_the_leader_match_their_requests() {
+    let rows = [
+        ("AA 05 01 01 01 CE FF", "AA 05 01 03 01 01 00 38 FF"),
+        ("AA 06 24 01 FE A6 FF", "AA 06 24 34 01 01 06 3F 00 FF"),
+        ("AA 06 20 01 00 61 FF", "AA 06 20 0A 02 00 00 00 00 FF"),
+        ("AA 06 20 01 01 F7 FF", "AA 06 20 0A 02 01 00 05 00 FF"),
+        ("AA 06 20 01 FE 7A FF", "AA 06 20 0A 02 01 00 05 00 FF"),
+    ];
+    for (request, answer) in rows {
+        let key = Ling.request(&hex(request)).unwrap().key;
+        assert!(Ling.is_response_to(key, &hex(answer)), "{request}");
+        for (other, _) in rows {
+            assert!(!Ling.is_response_to(key, &hex(other)), "{request}, {other}");
+        }
+    }
 }
 
 #[test]

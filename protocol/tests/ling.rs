@@ -30,7 +30,15 @@ fn request() -> impl Strategy<Value = Request> {
         Just(Request::ReadVelocities),
         (uniform6(joint), gripper).prop_map(|(joints, gripper)| Request::Move(Move { joints, gripper })),
         Just(Request::SelfCheck),
+        mode().prop_map(Request::SetMode),
+        Just(Request::ReadMode),
+        any::<bool>().prop_map(Request::SetForceFeedback),
+        Just(Request::ReadForceFeedback),
     ]
+}
+
+fn mode() -> impl Strategy<Value = ControlMode> {
+    prop_oneof![Just(ControlMode::Position), Just(ControlMode::Current)]
 }
 
 fn response() -> impl Strategy<Value = Response> {
@@ -55,6 +63,48 @@ fn response() -> impl Strategy<Value = Response> {
         uniform6(any::<u16>()).prop_map(|ticks| Response::Velocities(PerServo::Leader(ticks))),
         uniform10(any::<u16>()).prop_map(|ticks| Response::Velocities(PerServo::Follower(ticks))),
         any::<u16>().prop_map(|mask| Response::SelfCheck(SelfCheck(mask))),
+        (any::<u8>(), 0..3_usize).prop_map(|(requested, result)| {
+            let results = [ModeResult::Accepted, ModeResult::Invalid, ModeResult::Unsupported];
+            let result = results[result];
+            Response::ModeReply(ModeReply { requested, result })
+        }),
+        (mode(), any::<[u8; 2]>(), uniform6(any::<[i16; 4]>())).prop_map(|(mode, [blocked, valid], values)| {
+            let joints = values.map(
+                |[residual_torque, requested_current, output_current, measured_current]| JointForce {
+                    residual_torque,
+                    requested_current,
+                    output_current,
+                    measured_current,
+                },
+            );
+            let (blocked, valid) = (JointMask(blocked), JointMask(valid));
+            Response::Mode(ModeState {
+                mode,
+                blocked,
+                valid,
+                joints,
+            })
+        }),
+        (any::<[bool; 5]>(), any::<[u8; 4]>()).prop_map(|(switches, [inhibit, transition, grip, requested_mode])| {
+            let [
+                is_requested,
+                is_effective,
+                is_sync_active,
+                is_torque_enabled,
+                is_torque_requested,
+            ] = switches;
+            Response::ForceFeedback(ForceFeedback {
+                is_requested,
+                is_effective,
+                inhibit: Inhibit(inhibit),
+                is_sync_active,
+                is_torque_enabled,
+                is_torque_requested,
+                transition,
+                grip,
+                requested_mode,
+            })
+        }),
     ]
 }
 
@@ -180,6 +230,8 @@ proptest! {
         let servos = match response {
             Response::Temperatures(PerServo::Leader(_)) => 4,
             Response::Velocities(PerServo::Leader(_)) => 8,
+            // A frame has no more.
+            Response::Mode(_) => 64 - 52 + 1,
             _ => usize::MAX,
         };
         let extra = &extra[..extra.len().min(servos - 1)];

@@ -5,7 +5,10 @@ use std::fmt::Display;
 use armwire::alpha1::{
     self, Alpha1, FirmwareVersion, Outcome, ServoId, ServoRequest, ServoResponse, ServoStates, Text,
 };
-use armwire::ling::{self, Info, JointState, Ling, MotionStatus, PerServo, SelfCheck, SerialNumber, Stroke, Version};
+use armwire::ling::{
+    self, ControlMode, ForceFeedback, Info, JointForce, JointMask, JointState, Ling, ModeReply, ModeResult, ModeState,
+    MotionStatus, PerServo, SelfCheck, SerialNumber, Stroke, Version,
+};
 use armwire::messages::Messages;
 use armwire::time::Instant;
 use armwire::xarm::{self, Joint, Register, Reply, RotationRadius, SerialsText, State, TorqueSource, VersionText};
@@ -86,6 +89,30 @@ fn ling_exchanges() -> Vec<(ling::Request, ling::Response)> {
             Response::Velocities(PerServo::Follower([7; 10])),
         ),
         (Request::SelfCheck, Response::SelfCheck(SelfCheck(0x03FF))),
+        (
+            Request::SetMode(ControlMode::Current),
+            Response::ModeReply(ModeReply {
+                requested: 1,
+                result: ModeResult::Accepted,
+            }),
+        ),
+        (
+            Request::ReadMode,
+            Response::Mode(ModeState {
+                mode: ControlMode::Current,
+                blocked: JointMask(0b00_0110),
+                valid: JointMask(0b11_1111),
+                joints: [JointForce::default(); 6],
+            }),
+        ),
+        (
+            Request::SetForceFeedback(true),
+            Response::ForceFeedback(ForceFeedback::default()),
+        ),
+        (
+            Request::ReadForceFeedback,
+            Response::ForceFeedback(ForceFeedback::default()),
+        ),
         // The other requests have no documented answer.
     ]
 }
@@ -97,6 +124,7 @@ fn ling_longer(response: &ling::Response, frame: &[u8], extra: &[u8]) -> (Vec<u8
         ling::Response::Joints(_) => 1,
         ling::Response::Temperatures(PerServo::Leader(_)) => 3,
         ling::Response::Velocities(PerServo::Leader(_)) => 7,
+        ling::Response::Mode(_) => ling::MAX_DATA - 52,
         _ => extra.len(),
     };
     let extra = &extra[..extra.len().min(max)];

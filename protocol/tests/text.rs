@@ -15,7 +15,7 @@ fn check<M: Display, const N: usize>(messages: [(M, &str); N]) {
 
 #[test]
 fn ling_requests_have_their_values_with_units() {
-    use ling::{GripperSpeed, Move, Opening, Position, Request, Speed, Stroke, TemperatureLimit, Torque};
+    use ling::{ControlMode, GripperSpeed, Move, Opening, Position, Request, Speed, Stroke, TemperatureLimit, Torque};
 
     let (position, speed) = (Position::new(3072).unwrap(), Speed::new(1000).unwrap());
     let mut joints = [(Position::CENTRE, Speed::MAX); 6];
@@ -44,6 +44,68 @@ fn ling_requests_have_their_values_with_units() {
              +0.00° at 439.5°/s, gripper 50.5 % at 5500 ticks/s",
         ),
         (Request::SelfCheck, "self-check"),
+        (Request::SetMode(ControlMode::Position), "set control mode position"),
+        (Request::SetMode(ControlMode::Current), "set control mode current"),
+        (Request::ReadMode, "read control mode"),
+        (Request::SetForceFeedback(false), "force feedback off"),
+        (Request::SetForceFeedback(true), "force feedback on"),
+        (Request::ReadForceFeedback, "read force feedback"),
+    ]);
+}
+
+#[test]
+fn answers_of_a_force_feedback_leader_have_units() {
+    use ling::{
+        ControlMode, ForceFeedback, Inhibit, JointForce, JointMask, ModeReply, ModeResult, ModeState, Response,
+    };
+
+    let reply = |requested, result| Response::ModeReply(ModeReply { requested, result });
+    let mut joints = [JointForce::default(); 6];
+    joints[1] = JointForce {
+        residual_torque: -12,
+        requested_current: 1250,
+        output_current: i16::MIN,
+        measured_current: 7,
+    };
+    let state = ModeState {
+        mode: ControlMode::Current,
+        blocked: JointMask(0b00_0110),
+        valid: JointMask(0),
+        joints,
+    };
+    let inhibit = Inhibit(0x1D);
+    let feedback = ForceFeedback {
+        is_requested: true,
+        inhibit,
+        is_torque_enabled: true,
+        transition: 3,
+        grip: 127,
+        requested_mode: 1,
+        ..ForceFeedback::default()
+    };
+    check([
+        (
+            reply(1, ModeResult::Accepted),
+            "requested mode: current, result: accepted",
+        ),
+        (reply(7, ModeResult::Invalid), "requested mode: 0x07, result: invalid"),
+        (
+            reply(0, ModeResult::Unsupported),
+            "requested mode: position, result: unsupported or not queued",
+        ),
+        (
+            Response::Mode(state),
+            "mode: current, blocked: 2 3, valid: none, residual torques: 0.000 -0.012 0.000 0.000 0.000 0.000 Nm, \
+             requested currents: 0.000 1.250 0.000 0.000 0.000 0.000 A, \
+             output currents: 0.000 -32.768 0.000 0.000 0.000 0.000 A, \
+             measured currents: 0.000 0.007 0.000 0.000 0.000 0.000 A",
+        ),
+        (
+            Response::ForceFeedback(feedback),
+            "requested: on, effective: off, inhibit: not in teleoperation; link or sample older than 30 ms; hardware \
+             fault; unsupported, sync: off, torque: on, requested torque: off, transition: 3, raw grip: 127, \
+             requested mode: 1",
+        ),
     ]);
 }
 

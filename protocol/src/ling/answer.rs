@@ -1,6 +1,6 @@
 //! The value of an answer, by its type.
 
-use super::{Info, JointState, PerServo, Response, SelfCheck, Stroke};
+use super::{ForceFeedback, Info, JointState, ModeReply, ModeState, PerServo, Response, SelfCheck, Stroke};
 use crate::messages::OtherAnswer;
 
 /// ```
@@ -73,6 +73,39 @@ impl TryFrom<Response> for SelfCheck {
     fn try_from(response: Response) -> Result<Self, Self::Error> {
         match response {
             Response::SelfCheck(check) => Ok(check),
+            got => Err(OtherAnswer { got }),
+        }
+    }
+}
+
+impl TryFrom<Response> for ModeReply {
+    type Error = OtherAnswer<Response>;
+
+    fn try_from(response: Response) -> Result<Self, Self::Error> {
+        match response {
+            Response::ModeReply(reply) => Ok(reply),
+            got => Err(OtherAnswer { got }),
+        }
+    }
+}
+
+impl TryFrom<Response> for ModeState {
+    type Error = OtherAnswer<Response>;
+
+    fn try_from(response: Response) -> Result<Self, Self::Error> {
+        match response {
+            Response::Mode(state) => Ok(state),
+            got => Err(OtherAnswer { got }),
+        }
+    }
+}
+
+impl TryFrom<Response> for ForceFeedback {
+    type Error = OtherAnswer<Response>;
+
+    fn try_from(response: Response) -> Result<Self, Self::Error> {
+        match response {
+            Response::ForceFeedback(state) => Ok(state),
             got => Err(OtherAnswer { got }),
         }
     }

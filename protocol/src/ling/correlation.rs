@@ -37,7 +37,13 @@ impl Correlation for Ling {
             (0x01, 0x00, _) | (0x04, 0x0E, _) | (0x06, 0x00 | 0x02, _) => (Effect::Read, Some(LONGEST)),
             (0x06, 0x01, NO_VALUE) | (SELF_CHECK, 0x00, _) => (Effect::Read, Some(LONGEST)),
             (0x06, 0x03, _) => (Effect::Motion, None),
-            (0x05, _, _) => (Effect::Torque, None),
+            (0x05, 0x00, _) => (Effect::Torque, None),
+            // In position mode again, the torque stays off.
+            (0x05, 0x01, _) => (Effect::Torque, Some(MAX_FRAME as u16)),
+            // The motors push the joints.
+            (0x06, 0x20, 1) => (Effect::Motion, Some(MAX_FRAME as u16)),
+            (0x06, 0x20, 0) => (Effect::Torque, Some(MAX_FRAME as u16)),
+            (0x06, 0x20, NO_VALUE) | (0x06, 0x24, _) => (Effect::Read, Some(MAX_FRAME as u16)),
             // Setting the zero position switches the torque off, too.
             (0x03, 0x00, _) | (0x04, _, _) | (0x06, 0x01, _) => (Effect::Setting, None),
             // A newer arm may answer it.
@@ -78,7 +84,7 @@ impl Correlation for Ling {
 fn is_request(key: Key, len: u8, data: u8) -> bool {
     match (key.command, key.function, len) {
         (ERROR, _, _) => false,
-        (SELF_CHECK, 0x00, 0) | (0x05, _, _) | (0x06, 0x01, 1) | (0x06, 0x03, _) => true,
+        (SELF_CHECK, 0x00, 0) | (0x05, 0x00, _) | (0x05, _, 1) | (0x06, 0x01 | 0x20, 1) | (0x06, 0x03, _) => true,
         (_, _, 1) => data == NO_VALUE,
         _ => false,
     }

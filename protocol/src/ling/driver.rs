@@ -5,10 +5,11 @@ use core::fmt;
 use embedded_io_async::{Read, Write};
 
 use super::arrival::{Arrival, Arrived, Tolerances};
+use super::mode_change::{self, ModeChange};
 use super::stop::{Output, Stopped};
 use super::{
-    Info, JointState, Ling, MAX_FRAME, Move, PerServo, Request, Response, SelfCheck, Stop, Stroke, TemperatureLimit,
-    Torque,
+    ControlMode, ForceFeedback, Info, JointState, Ling, MAX_FRAME, ModeState, Move, PerServo, Request, Response,
+    SelfCheck, Stop, Stroke, TemperatureLimit, Torque,
 };
 use crate::Config;
 use crate::driver::{CallError, Clock, Counters, Driver};
@@ -162,6 +163,63 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
     /// Sets the temperature limit of the arm's overheat protection. The arm does not confirm it.
     pub async fn set_temperature_limit(&mut self, limit: TemperatureLimit) -> Result<(), CallError<Port::Error>> {
         self.driver.send(&Request::SetTemperatureLimit(limit)).await
+    }
+
+    /// Reads the control mode and the currents of a force-feedback leader.
+    ///
+    /// # Errors
+    ///
+    /// [`CallError::TimedOut`] of an arm that is none.
+    pub async fn read_mode(&mut self) -> Result<ModeState, CallError<Port::Error>> {
+        self.driver.read(&Request::ReadMode, value).await
+    }
+
+    /// Sets the control mode of a force-feedback leader, and waits until it is applied, as in [`ModeChange`]. The torque
+    /// may be off then.
+    ///
+    /// # Errors
+    ///
+    /// [`CallError::ModeNotApplied`]; [`CallError::TimedOut`] of an arm that is no such leader, which gets nothing but
+    /// the question for its mode; and errors of the port.
+    pub async fn set_mode(&mut self, mode: ControlMode) -> Result<ModeState, CallError<Port::Error>> {
+        self.read_mode().await?;
+        let mut change = ModeChange::new(mode);
+        loop {
+            match change.poll(self.driver.now()) {
+                mode_change::Output::Request(Request::ReadMode) => match self.read_mode().await {
+                    Ok(state) => change.on_mode(self.driver.now(), &state),
+                    Err(error) if may_pass(&error) => {}
+                    Err(error) => return Err(error),
+                },
+                mode_change::Output::Request(request) => match self.driver.read(&request, value).await {
+                    Ok(reply) => change.on_reply(&reply),
+                    Err(error) if may_pass(&error) => {}
+                    Err(error) => return Err(error),
+                },
+                mode_change::Output::Wait(until) => self.driver.wait_until(until).await,
+                mode_change::Output::Done(result) => return result.map_err(CallError::ModeNotApplied),
+            }
+        }
+    }
+
+    /// Reads the state of the force feedback of a force-feedback leader.
+    ///
+    /// # Errors
+    ///
+    /// [`CallError::TimedOut`] of an arm that is none.
+    pub async fn read_force_feedback(&mut self) -> Result<ForceFeedback, CallError<Port::Error>> {
+        self.driver.read(&Request::ReadForceFeedback, value).await
+    }
+
+    /// Requests the force feedback of a force-feedback leader, or its end. The answer says whether it is effective: with
+    /// it the motors push the joints.
+    ///
+    /// # Errors
+    ///
+    /// [`CallError::TimedOut`] of an arm that is none, which gets nothing but the question for its mode.
+    pub async fn set_force_feedback(&mut self, is_on: bool) -> Result<ForceFeedback, CallError<Port::Error>> {
+        self.read_mode().await?;
+        self.driver.read(&Request::SetForceFeedback(is_on), value).await
     }
 
     /// The counts of received frames and bytes other than answers, since the arm was created.

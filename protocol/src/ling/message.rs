@@ -1,5 +1,6 @@
 //! The messages of the Ling document, section 2, and their encoding.
 
+use super::force_feedback::{ControlMode, ForceFeedback, ModeReply, ModeState};
 use super::frame::{ERROR, NO_VALUE};
 use super::value::{
     JOINTS, MotionStatus, Opening, PerServo, Position, SelfCheck, SerialNumber, Speed, Stroke, TemperatureLimit,
@@ -20,13 +21,16 @@ mod command {
     pub(super) const SELF_CHECK: u8 = 0xFE;
 }
 
-/// Functions of [`command::JOINTS`] (section 2.5); [`command::STROKE`] has its own.
+/// Functions of [`command::JOINTS`] (section 2.5), and the mode of [`command::TORQUE`]; [`command::STROKE`] has its own.
 mod function {
     pub(super) const STATE: u8 = 0x00;
     pub(super) const TEMPERATURE: u8 = 0x01;
     pub(super) const VELOCITY: u8 = 0x02;
     pub(super) const MOVE: u8 = 0x03;
     pub(super) const READ_STROKE: u8 = 0x0E;
+    pub(super) const MODE: u8 = 0x01;
+    pub(super) const FORCE_FEEDBACK: u8 = 0x20;
+    pub(super) const READ_MODE: u8 = 0x24;
 }
 
 /// A message of the host.
@@ -57,6 +61,16 @@ pub enum Request {
     Move(Move),
     /// Runs a self-check of every servo (section 2.6). Answered by [`Response::SelfCheck`].
     SelfCheck,
+    /// Sets the control mode of a force-feedback leader, which may switch its torque. Answered by
+    /// [`Response::ModeReply`], before the mode is applied: see [`ModeChange`](super::ModeChange).
+    SetMode(ControlMode),
+    /// Reads the applied mode and the currents of a force-feedback leader. Answered by [`Response::Mode`].
+    ReadMode,
+    /// Requests the force feedback of a force-feedback leader, or its end. With it the motors push the joints. Answered
+    /// by [`Response::ForceFeedback`].
+    SetForceFeedback(bool),
+    /// Reads the state of the force feedback. Answered by [`Response::ForceFeedback`].
+    ReadForceFeedback,
 }
 
 /// The torque of the servos, which holds their positions.
@@ -123,6 +137,12 @@ pub enum Response {
     Velocities(PerServo<u16>),
     /// Answers [`Request::SelfCheck`].
     SelfCheck(SelfCheck),
+    /// Answers [`Request::SetMode`].
+    ModeReply(ModeReply),
+    /// Answers [`Request::ReadMode`].
+    Mode(ModeState),
+    /// Answers [`Request::SetForceFeedback`] and [`Request::ReadForceFeedback`].
+    ForceFeedback(ForceFeedback),
 }
 
 /// The arm's identity (section 2.1).
@@ -299,6 +319,18 @@ fn parse_request(frame: Frame<'_>) -> Result<Request, Cause> {
         // The document prints it with a data byte and with length 0: both are accepted.
         (command::SELF_CHECK, 0) if frame.data.is_empty() => Ok(Request::SelfCheck),
         (command::SELF_CHECK, 0) => check_no_value(frame.data).map(|()| Request::SelfCheck),
+        (command::TORQUE, function::MODE) => {
+            let [code] = *sized(frame.data, &[1])?;
+            let mode = ControlMode::from_code(code).map_err(|error| Cause::value(0, error))?;
+            Ok(Request::SetMode(mode))
+        }
+        (command::JOINTS, function::READ_MODE) => check_no_value(frame.data).map(|()| Request::ReadMode),
+        (command::JOINTS, function::FORCE_FEEDBACK) => match *sized(frame.data, &[1])? {
+            [0] => Ok(Request::SetForceFeedback(false)),
+            [1] => Ok(Request::SetForceFeedback(true)),
+            [NO_VALUE] => Ok(Request::ReadForceFeedback),
+            [got] => Err(Cause::byte(0, &[0, 1, NO_VALUE], got)),
+        },
         _ => Err(Cause::Unknown),
     }
 }
@@ -327,6 +359,9 @@ fn split_extra(frame: Frame<'_>) -> (Frame<'_>, &[u8]) {
             }
         }
         (command::SELF_CHECK, 0) => 2,
+        (command::TORQUE, function::MODE) => ModeReply::LEN,
+        (command::JOINTS, function::READ_MODE) => ModeState::LEN,
+        (command::JOINTS, function::FORCE_FEEDBACK) => ForceFeedback::LEN,
         _ => len,
     };
     let (data, extra) = frame.data.split_at_checked(documented).unwrap_or((frame.data, &[]));
@@ -378,6 +413,15 @@ fn parse_response(frame: Frame<'_>) -> Result<Response, Cause> {
         (command::SELF_CHECK, 0) => {
             sized(frame.data, &[2]).map(|mask| Response::SelfCheck(SelfCheck(u16::from_le_bytes(*mask))))
         }
+        (command::TORQUE, function::MODE) => {
+            ModeReply::from_data(sized(frame.data, &[ModeReply::LEN])?).map(Response::ModeReply)
+        }
+        (command::JOINTS, function::READ_MODE) => {
+            ModeState::from_data(sized(frame.data, &[ModeState::LEN])?).map(Response::Mode)
+        }
+        (command::JOINTS, function::FORCE_FEEDBACK) => {
+            ForceFeedback::from_data(sized(frame.data, &[ForceFeedback::LEN])?).map(Response::ForceFeedback)
+        }
         // The sources contradict each other on the place of the code: the bytes are not interpreted.
         (ERROR, _) => Err(Cause::ErrorFrame),
         _ => Err(Cause::Unknown),
@@ -417,6 +461,10 @@ impl Messages for Ling {
                 out.copy_from_slice(&SELF_CHECK);
                 Ok(SELF_CHECK.len())
             }
+            Request::SetMode(mode) => encode(command::TORQUE, function::MODE, &[mode as u8]),
+            Request::ReadMode => encode(command::JOINTS, function::READ_MODE, &[NO_VALUE]),
+            Request::SetForceFeedback(on) => encode(command::JOINTS, function::FORCE_FEEDBACK, &[on.into()]),
+            Request::ReadForceFeedback => encode(command::JOINTS, function::FORCE_FEEDBACK, &[NO_VALUE]),
         }
     }
 
@@ -455,6 +503,9 @@ impl Messages for Ling {
                 encode(command::JOINTS, function::VELOCITY, &data)
             }
             Response::SelfCheck(check) => encode(command::SELF_CHECK, 0, &check.0.to_le_bytes()),
+            Response::ModeReply(reply) => encode(command::TORQUE, function::MODE, &reply.to_data()),
+            Response::Mode(state) => encode(command::JOINTS, function::READ_MODE, &state.to_data()),
+            Response::ForceFeedback(state) => encode(command::JOINTS, function::FORCE_FEEDBACK, &state.to_data()),
         }
     }
 

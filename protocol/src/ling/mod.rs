@@ -1,6 +1,7 @@
 //! Ling / Alicia-D: six joints and a gripper on a 1 Mbaud UART.
 //!
-//! Sections are those of the *Ling Upper/Lower Machine Communication Protocol*, last modified on March 6, 2026.
+//! Sections are those of the *Ling Upper/Lower Machine Communication Protocol*, last modified on March 6, 2026. The
+//! messages of the force-feedback leader are those of the vendor's candidate document of September 2026.
 //!
 //! ```
 //! use armwire::messages::Messages;
@@ -18,10 +19,12 @@ mod correlation;
 #[cfg(feature = "async")]
 mod driver;
 pub mod effect;
+mod force_feedback;
 mod frame;
 #[cfg(feature = "ling-legacy")]
 pub mod legacy;
 mod message;
+pub mod mode_change;
 mod protocol;
 mod rest;
 pub mod stop;
@@ -34,10 +37,14 @@ pub use correlation::Key;
 #[cfg(feature = "async")]
 pub use driver::Arm;
 pub use effect::ReadBack;
+pub use force_feedback::{
+    ControlMode, ForceFeedback, Inhibit, JointForce, JointMask, ModeReply, ModeResult, ModeState,
+};
 pub use frame::{
     Frame, MAX_DATA, MAX_FRAME, OVERHEAD, READ_INFO, READ_JOINTS, SELF_CHECK, TAIL, TORQUE_OFF, TORQUE_ON, checksum,
 };
 pub use message::{GripperSpeed, Info, JointState, Move, Request, Response, Torque};
+pub use mode_change::ModeChange;
 pub use protocol::Ling;
 pub use rest::Rest;
 pub use stop::Stop;

@@ -20,8 +20,9 @@ fn moving(gripper: u16) -> Request {
     })
 }
 
-/// Name, frame, meaning, in the order of the document. A row ends with its section. Frames marked *corrected* are
-/// printed with the checksum of another frame, those marked *computed* are not printed.
+/// Name, frame, meaning, in the order of the document. A row ends with its section, or with *candidate* for the vendor's
+/// candidate document. Frames marked *corrected* are printed with the checksum of another frame, those marked *computed*
+/// are not printed.
 fn requests() -> Vec<(&'static str, Vec<u8>, Request)> {
     let limit = TemperatureLimit::new(100).unwrap();
     let meanings = [
@@ -40,8 +41,56 @@ fn requests() -> Vec<(&'static str, Vec<u8>, Request)> {
         ("move, gripper half open", moving(500)),                       // 2.5
         ("move, gripper open", moving(1000)),                           // 2.5, computed
         ("self-check", Request::SelfCheck),                             // 2.6
+        ("set position mode", Request::SetMode(ControlMode::Position)), // candidate
+        ("set current mode", Request::SetMode(ControlMode::Current)),   // candidate
+        ("read mode", Request::ReadMode),                               // candidate
+        ("force feedback off", Request::SetForceFeedback(false)),       // candidate
+        ("force feedback on", Request::SetForceFeedback(true)),         // candidate
+        ("read force feedback", Request::ReadForceFeedback),            // candidate
     ];
     vectors::with_meanings(vectors::ling_requests(), meanings)
+}
+
+fn reply(result: ModeResult) -> ModeReply {
+    ModeReply { requested: 1, result }
+}
+
+fn mode_state() -> ModeState {
+    let values = [
+        [0, 0, 0, 0],
+        [12, -350, -340, -1250],
+        [-12, 350, 340, 333],
+        [1, 2, 3, 4],
+        [i16::MIN, i16::MAX, -1, 0],
+        [0, 0, 0, 250],
+    ];
+    ModeState {
+        mode: ControlMode::Current,
+        blocked: JointMask(0b00_0110),
+        valid: JointMask(0b11_1111),
+        joints: values.map(
+            |[residual_torque, requested_current, output_current, measured_current]| JointForce {
+                residual_torque,
+                requested_current,
+                output_current,
+                measured_current,
+            },
+        ),
+    }
+}
+
+fn inhibited() -> ForceFeedback {
+    ForceFeedback {
+        is_requested: true,
+        is_effective: false,
+        inhibit: Inhibit(Inhibit::NO_TELEOPERATION | Inhibit::STALE),
+        is_sync_active: false,
+        is_torque_enabled: true,
+        is_torque_requested: true,
+        transition: 3,
+        grip: 127,
+        requested_mode: 1,
+    }
 }
 
 fn responses() -> Vec<(&'static str, Vec<u8>, Response)> {
@@ -72,6 +121,17 @@ fn responses() -> Vec<(&'static str, Vec<u8>, Response)> {
         ("velocities", Response::Velocities(PerServo::Follower([0; 10]))), // 2.5
         ("self-check, follower", Response::SelfCheck(SelfCheck(0x3FF))), // 2.6
         ("self-check, leader", Response::SelfCheck(SelfCheck(0x3F))), // 2.6, computed
+        (
+            "current mode accepted",
+            Response::ModeReply(reply(ModeResult::Accepted)),
+        ), // candidate, computed
+        (
+            "current mode unsupported",
+            Response::ModeReply(reply(ModeResult::Unsupported)),
+        ), // candidate, computed
+        ("mode and currents", Response::Mode(mode_state())), // candidate, computed
+        ("force feedback inhibited", Response::ForceFeedback(inhibited())), // candidate, computed
+        ("force feedback idle", Response::ForceFeedback(ForceFeedback::default())), // candidate, computed
     ];
     vectors::with_meanings(vectors::ling_answers(), meanings)
 }
@@ -276,4 +336,132 @@ fn serial_number_identifies_the_kind_of_arm() {
     assert_eq!(kind(b"ADLS251205123456"), Some(Kind::Leader));
     assert_eq!(kind(b"ADFS251205123456"), Some(Kind::Follower));
     assert_eq!(kind(b"ADXS251205123456"), None);
+}
+
+/// The error of an answer of the force-feedback leader, with this byte of its data replaced.
+fn refused(name: &str, offset: usize, byte: u8) -> std::string::String {
+    let vector = vectors::ling_answers().into_iter().find(|vector| vector.name == name);
+    let mut bytes = vector.unwrap().bytes;
+    bytes[4 + offset] = byte;
+    let n = bytes.len();
+    bytes[n - 2] = checksum(&bytes[1..n - 2]);
+    std::format!("{}", Ling.parse_response(frame_of(&bytes), ()).unwrap_err())
+}
+
+#[test]
+fn wrong_value_of_the_leader_is_named() {
+    let rows = [
+        (
+            "current mode accepted",
+            0,
+            2,
+            "command 05 function 01: data byte 0 is 02, must be 01",
+        ),
+        (
+            "current mode accepted",
+            2,
+            3,
+            "command 05 function 01: data byte 2 is 03, must be 00 or 01 or 02",
+        ),
+        (
+            "mode and currents",
+            0,
+            0,
+            "command 06 function 24: data byte 0 is 00, must be 01",
+        ),
+        (
+            "mode and currents",
+            1,
+            2,
+            "command 06 function 24: control mode is 2, must be 0..=1 (data byte 1)",
+        ),
+        (
+            "force feedback idle",
+            0,
+            1,
+            "command 06 function 20: data byte 0 is 01, must be 02",
+        ),
+        (
+            "force feedback idle",
+            1,
+            2,
+            "command 06 function 20: data byte 1 is 02, must be 00 or 01",
+        ),
+        (
+            "force feedback idle",
+            2,
+            254,
+            "command 06 function 20: data byte 2 is FE, must be 00 or 01",
+        ),
+        (
+            "force feedback idle",
+            4,
+            2,
+            "command 06 function 20: data byte 4 is 02, must be 00 or 01",
+        ),
+        (
+            "force feedback idle",
+            5,
+            2,
+            "command 06 function 20: data byte 5 is 02, must be 00 or 01",
+        ),
+        (
+            "force feedback idle",
+            6,
+            2,
+            "command 06 function 20: data byte 6 is 02, must be 00 or 01",
+        ),
+    ];
+    for (name, offset, byte, text) in rows {
+        assert_eq!(refused(name, offset, byte), text);
+    }
+    let request = |function, command, data: &[u8]| {
+        let frame = bytes_of(Frame {
+            command,
+            function,
+            data,
+        });
+        std::format!("{}", Ling.parse_request(&frame).unwrap_err())
+    };
+    let text = "command 05 function 01: control mode is 2, must be 0..=1 (data byte 0)";
+    assert_eq!(request(0x01, 0x05, &[2]), text);
+    let text = "command 06 function 20: data byte 0 is 02, must be 00 or 01 or FE";
+    assert_eq!(request(0x20, 0x06, &[2]), text);
+    let text = "command 06 function 24: 2 data bytes, expected 1";
+    assert_eq!(request(0x24, 0x06, &[0xFE, 0xFE]), text);
+}
+
+/// The refused mode is none, and is kept as it is.
+#[test]
+fn invalid_mode_has_its_verdict() {
+    let frame = hex("AA 05 01 03 01 07 01 28 FF");
+    let reply = ModeReply {
+        requested: 7,
+        result: ModeResult::Invalid,
+    };
+    assert_eq!(
+        Ling.parse_response(frame_of(&frame), ()),
+        Ok(Response::ModeReply(reply))
+    );
+}
+
+/// Functions that the candidate document reserves for the vendor's bench, and the header of its internal frames.
+#[test]
+fn functions_of_the_vendors_bench_are_undocumented() {
+    for (command, function) in [(0x03, 0x01), (0x06, 0x23), (0x06, 0x25), (0x06, 0x26), (0x06, 0x27)] {
+        for data in [&[0xFE][..], &[1], &[0; 16]] {
+            let frame = bytes_of(Frame {
+                command,
+                function,
+                data,
+            });
+            for error in [
+                Ling.parse_request(&frame).unwrap_err(),
+                Ling.parse_response(&frame, ()).unwrap_err(),
+            ] {
+                assert_eq!(error.cause, Cause::Unknown, "{error}");
+            }
+        }
+    }
+    assert_eq!(Ling.scan(&hex("AB 54 01 00"), ()), Scan::Noise(4, Reason::Stray));
 }

@@ -7,8 +7,8 @@
 use core::fmt::{self, Display, Formatter};
 
 use super::{
-    GripperSpeed, Info, JointState, Kind, Move, Opening, Position, Request, Response, SelfCheck, Speed, Stroke,
-    TemperatureLimit, Torque,
+    ControlMode, ForceFeedback, GripperSpeed, Info, Inhibit, JointMask, JointState, Kind, ModeReply, ModeResult,
+    ModeState, Move, Opening, Position, Request, Response, SelfCheck, Speed, Stroke, TemperatureLimit, Torque,
 };
 use crate::named::Named;
 
@@ -174,6 +174,10 @@ impl Display for Request {
             Self::ReadVelocities => f.write_str("read velocities"),
             Self::Move(target) => write!(f, "move {target}"),
             Self::SelfCheck => f.write_str("self-check"),
+            Self::SetMode(mode) => write!(f, "set control mode {mode}"),
+            Self::ReadMode => f.write_str("read control mode"),
+            Self::SetForceFeedback(is_on) => write!(f, "force feedback {}", switch(*is_on)),
+            Self::ReadForceFeedback => f.write_str("read force feedback"),
         }
     }
 }
@@ -259,6 +263,163 @@ impl Display for SelfCheck {
     }
 }
 
+/// A value in thousandths, in its unit.
+///
+/// ```
+/// assert_eq!(armwire::ling::text::Thousandths(-1250).to_string(), "-1.250");
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Thousandths(pub i16);
+
+impl Display for Thousandths {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        let sign = if self.0 < 0 { "-" } else { "" };
+        let value = self.0.unsigned_abs();
+        write!(f, "{sign}{}.{:03}", value / 1000, value % 1000)
+    }
+}
+
+const fn switch(is_on: bool) -> &'static str {
+    if is_on { "on" } else { "off" }
+}
+
+impl Display for ControlMode {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Position => "position",
+            Self::Current => "current",
+        })
+    }
+}
+
+impl Display for ModeResult {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Accepted => "accepted",
+            Self::Invalid => "invalid",
+            Self::Unsupported => "unsupported or not queued",
+        })
+    }
+}
+
+/// The numbers of the joints, or `none`.
+impl Display for JointMask {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        match self.0 {
+            0 => f.write_str("none"),
+            _ => list(f, "", (1..=8_u8).filter(|joint| self.has(*joint))),
+        }
+    }
+}
+
+impl Display for Inhibit {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        const REASONS: [(u8, &str); 4] = [
+            (Inhibit::NO_TELEOPERATION, "not in teleoperation"),
+            (Inhibit::STALE, "link or sample older than 30 ms"),
+            (Inhibit::FAULT, "hardware fault"),
+            (Inhibit::UNSUPPORTED, "unsupported"),
+        ];
+        let (mut rest, mut separator) = (self.0, "");
+        for (bit, reason) in REASONS {
+            if rest & bit != 0 {
+                write!(f, "{separator}{reason}")?;
+                (rest, separator) = (rest & !bit, "; ");
+            }
+        }
+        match (self.0, rest) {
+            (0, _) => f.write_str("none"),
+            (_, 0) => Ok(()),
+            _ => write!(f, "{separator}unknown {rest:#04x}"),
+        }
+    }
+}
+
+/// For example `requested mode: current, result: accepted`.
+impl Display for ModeReply {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        write!(f, "requested mode: {}, result: {}", self.requested(), self.result)
+    }
+}
+
+impl ModeReply {
+    /// The requested mode as text: its number, if there is no such mode.
+    pub const fn requested(&self) -> impl Display + use<> {
+        RequestedMode(self.requested)
+    }
+}
+
+struct RequestedMode(u8);
+
+impl Display for RequestedMode {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        match ControlMode::from_code(self.0) {
+            Ok(mode) => mode.fmt(f),
+            Err(_) => write!(f, "{:#04x}", self.0),
+        }
+    }
+}
+
+/// The mode, and the values of joints 1 to 6.
+impl Display for ModeState {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        let Self {
+            mode, blocked, valid, ..
+        } = self;
+        write!(f, "mode: {mode}, blocked: {blocked}, valid: {valid}")?;
+        let joints = self.joints;
+        list(
+            f,
+            ", residual torques: ",
+            joints.map(|joint| Thousandths(joint.residual_torque)),
+        )?;
+        list(
+            f,
+            " Nm, requested currents: ",
+            joints.map(|joint| Thousandths(joint.requested_current)),
+        )?;
+        list(
+            f,
+            " A, output currents: ",
+            joints.map(|joint| Thousandths(joint.output_current)),
+        )?;
+        list(
+            f,
+            " A, measured currents: ",
+            joints.map(|joint| Thousandths(joint.measured_current)),
+        )?;
+        f.write_str(" A")
+    }
+}
+
+/// For example `requested: on, effective: off, inhibit: not in teleoperation, …`.
+impl Display for ForceFeedback {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        let (requested, effective) = (switch(self.is_requested), switch(self.is_effective));
+        write!(
+            f,
+            "requested: {requested}, effective: {effective}, inhibit: {}",
+            self.inhibit
+        )?;
+        let (sync, torque) = (switch(self.is_sync_active), switch(self.is_torque_enabled));
+        write!(
+            f,
+            ", sync: {sync}, torque: {torque}, requested torque: {}",
+            switch(self.is_torque_requested)
+        )?;
+        let Self {
+            transition,
+            grip,
+            requested_mode,
+            ..
+        } = self;
+        write!(
+            f,
+            ", transition: {transition}, raw grip: {grip}, requested mode: {requested_mode}"
+        )
+    }
+}
+
 /// The names and values of the message, for example `stroke: 50 mm`.
 ///
 /// ```
@@ -283,6 +444,9 @@ impl Display for Response {
                 f.write_str(" °/s")
             }
             Self::SelfCheck(check) => write!(f, "self-check: {check}"),
+            Self::ModeReply(reply) => reply.fmt(f),
+            Self::Mode(state) => state.fmt(f),
+            Self::ForceFeedback(state) => state.fmt(f),
         }
     }
 }

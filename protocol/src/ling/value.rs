@@ -112,6 +112,8 @@ pub struct Speed(
 impl Speed {
     /// The slowest speed that the vendor's software sends.
     pub const SLOWEST: Self = Self(50);
+    /// The slowest speed of a force-feedback leader, which its answer to [`ReadMode`](super::Request::ReadMode) shows.
+    pub const SLOWEST_OF_FORCE_FEEDBACK: Self = Self(1);
     /// The maximum speed of a joint.
     pub const MAX: Self = Self(5000);
 
@@ -160,7 +162,24 @@ impl Speed {
     /// assert_eq!(error.to_string(), text);
     /// ```
     pub const fn for_move(ticks_per_second: u16) -> Result<Self, OutOfRange> {
-        let (slowest, max) = (Self::SLOWEST.0, Self::MAX.0);
+        Self::from_slowest(Self::SLOWEST, ticks_per_second)
+    }
+
+    /// The speed of a joint that is to move, of an arm with this slowest speed.
+    ///
+    /// # Errors
+    ///
+    /// [`OutOfRange`] under that speed and over [`MAX`](Self::MAX).
+    ///
+    /// ```
+    /// use armwire::ling::Speed;
+    ///
+    /// let slowest = Speed::SLOWEST_OF_FORCE_FEEDBACK;
+    /// assert_eq!(Speed::from_slowest(slowest, 1), Ok(slowest));
+    /// assert!(Speed::from_slowest(slowest, 0).is_err());
+    /// ```
+    pub const fn from_slowest(slowest: Self, ticks_per_second: u16) -> Result<Self, OutOfRange> {
+        let (slowest, max) = (slowest.0, Self::MAX.0);
         if slowest <= ticks_per_second && ticks_per_second <= max {
             return Ok(Self(ticks_per_second));
         }

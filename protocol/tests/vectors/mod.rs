@@ -86,6 +86,12 @@ pub fn ling_requests() -> Vec<Vector> {
             "AA 06 03 1C 00 08 E8 03 00 08 E8 03 00 08 E8 03 00 08 E8 03 00 08 E8 03 00 08 E8 03 E8 03 E8 03 23 FF",
         ),
         ("self-check", "AA FE 00 00 FE 93 FF"),
+        ("set position mode", "AA 05 01 01 00 58 FF"),
+        ("set current mode", "AA 05 01 01 01 CE FF"),
+        ("read mode", "AA 06 24 01 FE A6 FF"),
+        ("force feedback off", "AA 06 20 01 00 61 FF"),
+        ("force feedback on", "AA 06 20 01 01 F7 FF"),
+        ("read force feedback", "AA 06 20 01 FE 7A FF"),
     ])
 }
 
@@ -118,6 +124,32 @@ pub fn ling_answers() -> Vec<Vector> {
         ),
         ("self-check, follower", check, "AA FE 00 02 FF 03 87 FF"),
         ("self-check, leader", check, "AA FE 00 02 3F 00 73 FF"),
+        (
+            "current mode accepted",
+            "AA 05 01 01 01 CE FF",
+            "AA 05 01 03 01 01 00 38 FF",
+        ),
+        (
+            "current mode unsupported",
+            "AA 05 01 01 01 CE FF",
+            "AA 05 01 03 01 01 02 14 FF",
+        ),
+        (
+            "mode and currents",
+            "AA 06 24 01 FE A6 FF",
+            "AA 06 24 34 01 01 06 3F 00 00 00 00 00 00 00 00 0C 00 A2 FE AC FE 1E FB F4 FF 5E 01 54 01 4D 01 \
+             01 00 02 00 03 00 04 00 00 80 FF 7F FF FF 00 00 00 00 00 00 00 00 FA 00 6A FF",
+        ),
+        (
+            "force feedback inhibited",
+            "AA 06 20 01 01 F7 FF",
+            "AA 06 20 0A 02 01 00 05 00 01 01 03 7F 01 D9 FF",
+        ),
+        (
+            "force feedback idle",
+            "AA 06 20 01 FE 7A FF",
+            "AA 06 20 0A 02 00 00 00 00 00 00 00 00 00 1E FF",
+        ),
     ])
 }
 
