@@ -78,7 +78,7 @@ pub use armwire_bridge as bridge;
 
 pub use arm::alpha1::Alpha1;
 pub use arm::known::Known;
-pub use arm::ling::{Ling, MotionReadings, Parking, Stream, StreamReading, Switching, Wait};
+pub use arm::ling::{Ling, ModeSwitching, MotionReadings, Parking, Stream, StreamReading, Switching, Wait};
 pub use arm::park_poses::ParkPoses;
 pub use arm::pose::{OnPose, Pose, XArmPose};
 pub use arm::shared::Shared;

@@ -2,17 +2,22 @@
 
 use std::f32::consts::PI;
 
-use armwire::ling::{GripperSpeed, JOINTS, Move, Opening, Position, Request, Speed, Stroke, TemperatureLimit, Torque};
+use armwire::ling::{
+    ControlMode, GripperSpeed, JOINTS, Move, Opening, Position, Request, Response, Speed, Stroke, TemperatureLimit,
+    Torque,
+};
 use armwire_host::Ling;
-use clap::{Args, Subcommand};
+use clap::{ArgAction, Args, Subcommand};
 
-use super::values::{joint_speed, one_of, parse, scaled};
+use super::values::{joint_speed, one_of, parse, scaled, slow_joint_speed};
 use crate::error::Error;
 use crate::output::print_error;
 
 /// The strokes of the grippers that exist, in millimetres.
 pub(crate) const STROKES: [(&str, Stroke); 3] = [("50", Stroke::Mm50), ("75", Stroke::Mm75), ("100", Stroke::Mm100)];
 pub(crate) const TORQUES: [(&str, Torque); 2] = [("on", Torque::On), ("off", Torque::Off)];
+const MODES: [(&str, ControlMode); 2] = [("position", ControlMode::Position), ("current", ControlMode::Current)];
+const SWITCH: [(&str, bool); 2] = [("on", true), ("off", false)];
 
 /// One request.
 #[derive(Subcommand)]
@@ -54,6 +59,22 @@ pub(crate) enum Command {
     Move(Target),
     /// Check every servo.
     SelfCheck,
+    /// Set the control mode of a force-feedback leader, and wait until it is applied. Its torque may go off: hold it.
+    SetMode {
+        /// In position mode again, the torque stays off.
+        #[arg(value_parser = one_of(MODES))]
+        mode: ControlMode,
+    },
+    /// Read the control mode and the currents of a force-feedback leader.
+    ReadMode,
+    /// Request the force feedback of a force-feedback leader, or its end. With it the motors push the joints.
+    SetForceFeedback {
+        /// The answer says whether it is effective.
+        #[arg(action = ArgAction::Set, value_parser = one_of(SWITCH))]
+        switch: bool,
+    },
+    /// Read the state of the force feedback.
+    ReadForceFeedback,
 }
 
 /// Target positions and speeds.
@@ -64,7 +85,13 @@ pub(crate) struct Target {
     joints: [Position; JOINTS],
     /// Speed in degrees per second, at least 4.4: one number for all joints, or six.
     #[arg(long, value_name = "DEGREES/S", allow_hyphen_values = true, value_parser = speeds)]
-    speed: [Speed; JOINTS],
+    #[arg(required_unless_present = "slow_speed")]
+    speed: Option<[Speed; JOINTS]>,
+    /// Speed of a force-feedback leader, at least 0.09, instead of --speed. The arm is asked for its control mode before,
+    /// and is not moved if it does not answer.
+    #[arg(long, value_name = "DEGREES/S", allow_hyphen_values = true, value_parser = slow_speeds)]
+    #[arg(conflicts_with = "speed")]
+    slow_speed: Option<[Speed; JOINTS]>,
     /// Opening of the gripper, in percent of its stroke. Without it the goal is the gripper's reading, and a grip may
     /// loosen.
     #[arg(long, value_name = "PERCENT", allow_hyphen_values = true, value_parser = opening)]
@@ -89,19 +116,40 @@ impl Command {
             Self::ReadVelocities => Request::ReadVelocities,
             Self::Move(target) => Request::Move(target.to_move(arm)?),
             Self::SelfCheck => Request::SelfCheck,
+            Self::SetMode { mode } => Request::SetMode(*mode),
+            Self::ReadMode => Request::ReadMode,
+            Self::SetForceFeedback { switch } => Request::SetForceFeedback(*switch),
+            Self::ReadForceFeedback => Request::ReadForceFeedback,
         })
     }
+}
+
+/// The answer to a request to a force-feedback leader: the applied mode, and not the mode that was accepted. `None` for
+/// other requests.
+pub(super) fn answer_of_leader(request: &Request, arm: &mut Ling) -> Result<Option<Response>, Error> {
+    Ok(Some(match request {
+        Request::SetMode(mode) => Response::Mode(arm.set_mode(*mode)?),
+        Request::ReadMode => Response::Mode(arm.read_mode()?),
+        Request::SetForceFeedback(switch) => Response::ForceFeedback(arm.set_force_feedback(*switch)?),
+        Request::ReadForceFeedback => Response::ForceFeedback(arm.read_force_feedback()?),
+        _ => return Ok(None),
+    }))
 }
 
 impl Target {
     /// The move. Without a goal of the gripper, that is its reading, with a warning.
     pub(crate) fn to_move(&self, arm: &mut Ling) -> Result<Move, Error> {
+        if self.slow_speed.is_some() {
+            arm.read_mode()?;
+        }
+        // One of them is required.
+        let speed = self.slow_speed.or(self.speed).unwrap_or([Speed::SLOWEST; JOINTS]);
         let gripper = match self.gripper {
             Some(goal) => goal,
             None => gripper_reading(arm)?,
         };
         Ok(Move {
-            joints: std::array::from_fn(|joint| (self.joints[joint], self.speed[joint])),
+            joints: std::array::from_fn(|joint| (self.joints[joint], speed[joint])),
             gripper: (gripper, GripperSpeed(self.gripper_speed)),
         })
     }
@@ -132,9 +180,17 @@ pub(crate) fn positions(text: &str) -> Result<[Position; JOINTS], String> {
 }
 
 fn speeds(text: &str) -> Result<[Speed; JOINTS], String> {
+    one_or_each(text, joint_speed)
+}
+
+fn slow_speeds(text: &str) -> Result<[Speed; JOINTS], String> {
+    one_or_each(text, slow_joint_speed)
+}
+
+fn one_or_each(text: &str, one: fn(&str) -> Result<Speed, String>) -> Result<[Speed; JOINTS], String> {
     match text.contains(',') {
-        true => each(text, joint_speed),
-        false => joint_speed(text).map(|speed| [speed; JOINTS]),
+        true => each(text, one),
+        false => one(text).map(|speed| [speed; JOINTS]),
     }
 }
 
@@ -180,6 +236,11 @@ mod tests {
                 "{error}"
             );
         }
+        assert_eq!(slow_speeds("0.1").unwrap()[0].ticks_per_second(), 1);
+        assert_eq!(
+            slow_speeds("0").unwrap_err(),
+            "joint speed is 0 degrees/s, must be 0.09..=439.45"
+        );
         assert!(opening("101").unwrap_err().ends_with("is 101 %, must be 0..=100"));
         assert_eq!(
             limit("254").unwrap_err(),

@@ -5,9 +5,9 @@ pub(crate) mod ling;
 pub(crate) mod values;
 mod xarm;
 
-use armwire::ling::Request;
+use armwire::ling::{Ling, Request};
 use armwire_host::Link;
-use armwire_host::describe::{Arm, line, object};
+use armwire_host::describe::{Arm, Fact, line, object};
 use clap::{Args, Subcommand};
 use serde_json::json;
 
@@ -59,7 +59,14 @@ impl Call {
                         arm.check_refusal()?;
                         arm.stop_if_interrupted(gripper, |arm| call(arm.link(), &request, json))
                     }
-                    _ => call(arm.link(), &request, json),
+                    _ => match ling::answer_of_leader(&request, &mut arm)? {
+                        Some(answer) => {
+                            let extra = Ling::extra_fact(arm.frame());
+                            let answer = (answer.to_string(), Ling::facts(&answer));
+                            print(answer, extra.into_iter().collect(), json)
+                        }
+                        None => call(arm.link(), &request, json),
+                    },
                 });
                 called.map_err(|error| error.explained(|error| arm.explain(error)))
             }
@@ -94,11 +101,16 @@ pub(crate) fn call<P: Arm>(link: &mut Link<P>, request: &P::Request<'_>, json: b
         };
     };
     let extra = P::extra_fact(link.frame());
-    let (text, mut facts) = match answer {
+    let answer = match answer {
         Ok(answer) => answer,
         Err(reason) => return Err(link.refused(&reason, follow_up).into()),
     };
-    let more: Vec<_> = extra.into_iter().chain(link.explain(follow_up)).collect();
+    let more = extra.into_iter().chain(link.explain(follow_up)).collect();
+    print(answer, more, json)
+}
+
+/// Prints an answer, which is its text and its facts, with more facts.
+fn print((text, mut facts): (String, Vec<Fact>), more: Vec<Fact>, json: bool) -> Result<(), Error> {
     match (json, &more[..]) {
         (true, _) => {
             facts.extend(more);

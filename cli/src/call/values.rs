@@ -54,6 +54,13 @@ pub(crate) fn joint_speed(text: &str) -> Result<Speed, String> {
     scaled(text, "degrees/s", PI / 180.0, Speed::for_move_radians_per_second)
 }
 
+/// The speed of a joint of a force-feedback leader that is to move, in degrees per second.
+pub(crate) fn slow_joint_speed(text: &str) -> Result<Speed, String> {
+    scaled(text, "degrees/s", PI / 180.0, |speed| {
+        Speed::from_slowest_radians_per_second(Speed::SLOWEST_OF_FORCE_FEEDBACK, speed)
+    })
+}
+
 /// A value in another unit than the protocol's. Errors are in the unit of the command line, with limits of two decimals
 /// inside the range.
 pub(crate) fn scaled<T>(

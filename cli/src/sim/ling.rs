@@ -5,7 +5,7 @@ use std::sync::atomic::AtomicBool;
 use armwire::ling::{Kind, SerialNumber, Stroke};
 use armwire_bridge::Duration;
 use armwire_sim::ling::legacy::{self, LegacyArm};
-use armwire_sim::ling::{Config, LingArm, Plant};
+use armwire_sim::ling::{Config, Leader, LingArm, Plant};
 use clap::Args;
 
 use super::line::{LineArgs, print_counts};
@@ -43,8 +43,15 @@ pub(crate) struct LingSim {
     /// the noise only.
     #[arg(long, default_value_t)]
     plant: Plant,
+    /// A leader with force feedback: it answers requests for its control mode, and moves under power. WORDS change it.
+    ///
+    /// They are separated by commas: apply=TIMEms (a mode is applied so long after it was accepted, 100ms otherwise),
+    /// never (it is never applied), refuse (no mode is accepted), teleoperation (force feedback becomes effective), stale,
+    /// fault and unsupported (reasons why it does not), and blocked=2, blocked=3 or blocked=2+3 (blocked joints).
+    #[arg(long, value_name = "WORDS", num_args = 0..=1, require_equals = true, default_missing_value = "")]
+    force_feedback: Option<Leader>,
     /// An arm of the older generation instead: it sends forty times per second, and accepts no requests.
-    #[arg(long, conflicts_with_all = ["leader", "serial", "stroke", "turnaround_us", "echo", "plant"])]
+    #[arg(long, conflicts_with_all = ["leader", "serial", "stroke", "turnaround_us", "echo", "plant", "force_feedback"])]
     legacy: bool,
 }
 
@@ -60,7 +67,7 @@ impl LingSim {
         if self.legacy {
             return self.run_legacy(stop);
         }
-        let base = if self.leader {
+        let base = if self.leader || self.force_feedback.is_some() {
             Config::leader()
         } else {
             Config::follower()
@@ -71,13 +78,19 @@ impl LingSim {
             turnaround: Duration::from_micros(self.turnaround_us),
             echo: self.echo,
             plant: self.plant,
+            force_feedback: self.force_feedback,
             ..base
         };
         let kind = match config.kind {
             Kind::Leader => "leader",
             Kind::Follower => "follower",
         };
-        let name = format!("Ling {kind} {}, plant {},", config.serial, config.plant);
+        let feedback = if self.force_feedback.is_some() {
+            " with force feedback"
+        } else {
+            ""
+        };
+        let name = format!("Ling {kind}{feedback} {}, plant {},", config.serial, config.plant);
         let (line, served) = self.line.serve(name, LingArm::new(config), stop)?;
         print_counts(served, line.device().counters())
     }

@@ -116,6 +116,84 @@ fn out_of_range_ling_values_are_never_sent() {
     assert!(line.starts_with("/dev/no-such-port: no such port"), "{line}");
 }
 
+#[test]
+fn leader_applies_the_mode_before_the_call_ends() {
+    let arm = Arm::start("ling", "leader", &["--force-feedback=apply=300ms,blocked=2"]);
+    let call = |args: &str| {
+        let args: Vec<_> = ["call", "ling", &arm.port].into_iter().chain(args.split(' ')).collect();
+        success(&args)
+    };
+    let zeros = "0.000 0.000 0.000 0.000 0.000 0.000";
+    let state = |mode| {
+        format!(
+            "mode: {mode}, blocked: 2, valid: 1 2 3 4 5 6, residual torques: {zeros} Nm, requested currents: {zeros} A, \
+             output currents: {zeros} A, measured currents: {zeros} A\n"
+        )
+    };
+    assert_eq!(call("read-mode"), state("position"));
+    call("set-torque on");
+    assert_eq!(call("set-mode current"), state("current"));
+    let feedback = "requested: on, effective: off, inhibit: not in teleoperation, sync: off, torque: on, requested \
+                    torque: on, transition: 0, raw grip: 0, requested mode: 1\n";
+    assert_eq!(call("set-force-feedback on"), feedback);
+    assert_eq!(call("read-force-feedback"), feedback);
+    let json = call("--json set-mode position");
+    for fact in [
+        "\"mode\": \"position\"",
+        "\"blocked_mask\": 2",
+        "\"measured_current_6_a\": 0.0",
+    ] {
+        assert!(json.contains(fact), "{json}");
+    }
+    assert!(call("read-joints").ends_with("status: idle\n"), "the torque stays off");
+    assert!(call("set-force-feedback off").starts_with("requested: off, effective: off, "));
+}
+
+#[test]
+fn leader_that_does_not_apply_a_mode_fails() {
+    for (words, text) in [
+        (
+            "never",
+            "set control mode current was accepted, but the mode is position after 2 s",
+        ),
+        (
+            "refuse",
+            "set control mode current: the arm answered: unsupported or not queued",
+        ),
+    ] {
+        let arm = Arm::start("ling", "leader", &[&format!("--force-feedback={words}")]);
+        let line = failure(&run(&["call", "ling", &arm.port, "set-mode", "current"]));
+        assert!(line.ends_with(&format!(": {text}")), "{line}");
+    }
+}
+
+#[test]
+fn arm_without_force_feedback_is_named() {
+    let arm = Arm::start("ling", "plain", &["--leader"]);
+    let slow = "move --joints 0,0,0,0,0,0 --slow-speed 0.1 --gripper 50";
+    for args in [
+        "read-mode",
+        "set-mode current",
+        "set-force-feedback on",
+        "read-force-feedback",
+        slow,
+    ] {
+        let args: Vec<_> = ["call", "ling", &arm.port].into_iter().chain(args.split(' ')).collect();
+        let line = failure(&run(&args));
+        let text = ": not supported: the arm answers, but not for its control mode, so it is no force-feedback leader";
+        assert!(line.ends_with(text), "{line}");
+    }
+}
+
+#[test]
+fn leader_with_force_feedback_moves_slowly() {
+    let arm = Arm::start("ling", "slow", &["--force-feedback"]);
+    success(&["call", "ling", &arm.port, "set-torque", "on"]);
+    let target = ["--joints", "0.3,0,0,0,0,0", "--slow-speed", "0.2", "--gripper", "0"];
+    let sent = success(&[&["call", "ling", &arm.port, "move"], &target[..]].concat());
+    assert!(sent.starts_with("move +0.26° at 0.2°/s"), "{sent}");
+}
+
 /// The bytes that `armwire call alpha1` sends for a request. Expects the output for `answer`.
 fn sent_to_alpha1(args: &str, answer: &[u8], printed: &str) -> Vec<u8> {
     let args: Vec<_> = ["call", "alpha1", "PORT"].into_iter().chain(args.split(' ')).collect();

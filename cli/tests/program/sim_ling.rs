@@ -32,3 +32,10 @@ fn wrong_plant_is_refused_with_its_word() {
     }
     usage(&["sim", "ling", "--legacy", "--plant", "typical"]);
 }
+
+#[test]
+fn wrong_word_of_a_leader_is_refused() {
+    let error = usage(&["sim", "ling", "--force-feedback=apply"]);
+    assert!(error.contains("'apply': expected apply=TIMEms, never, "), "{error}");
+    usage(&["sim", "ling", "--legacy", "--force-feedback"]);
+}

@@ -1,5 +1,6 @@
 //! A Ling arm: its requests, and what a motion depends on.
 
+mod force_feedback;
 mod park;
 mod reopen;
 mod stream;
@@ -30,6 +31,7 @@ use crate::ports::port::Connection;
 use crate::time::silence::SilenceLimit;
 use crate::time::stamps::HostTime;
 
+pub use force_feedback::ModeSwitching;
 pub use park::Parking;
 pub use stream::{Stream, StreamReading};
 pub use wait::{MotionReadings, Switching, Wait};
@@ -73,6 +75,8 @@ pub struct Ling {
     last: Option<JointState>,
     /// True if the last reading was an Alicia-D's.
     is_own: bool,
+    /// True if the arm has answered the request for its control mode, false if it has not. `None` before.
+    has_force_feedback: Option<bool>,
     /// Facts by which the arm is known after a loss of its port.
     known: Known,
     /// The adapter's refusals of motion.
@@ -106,6 +110,7 @@ impl Connection {
             stops: 0,
             last: None,
             is_own: false,
+            has_force_feedback: None,
             known: Known::default(),
             refusals: Refusals::default(),
             on_pose: None,
@@ -613,6 +618,7 @@ mod tests {
             stops: 0,
             last: None,
             is_own: false,
+            has_force_feedback: None,
             known: Known::default(),
             refusals: Refusals::default(),
             on_pose: None,

@@ -1,8 +1,11 @@
 //! The Ling arm.
 
 use armwire::Config;
-use armwire::ling::text::{Angle, Gripper, Velocity};
-use armwire::ling::{JOINTS, JointState, Kind, Ling, Opening, Position, Request, Response, SelfCheck, TICKS_PER_TURN};
+use armwire::ling::text::{Angle, Gripper, Thousandths, Velocity};
+use armwire::ling::{
+    ForceFeedback, JOINTS, JointForce, JointState, Kind, Ling, ModeState, Opening, Position, Request, Response,
+    SelfCheck, TICKS_PER_TURN,
+};
 use armwire::time::Duration;
 use serde_json::Value;
 
@@ -62,6 +65,14 @@ impl Arm for Ling {
                 Fact::each(("velocities", "velocity"), "deg_per_s", " °/s", speeds)
             }
             Response::SelfCheck(check) => self_check(*check, None),
+            Response::ModeReply(reply) => {
+                return vec![
+                    Fact::words("requested mode", reply.requested()),
+                    Fact::words("result", reply.result),
+                ];
+            }
+            Response::Mode(state) => return mode_state(state),
+            Response::ForceFeedback(state) => return force_feedback(state),
             other => Fact::words("message", other),
         }]
     }
@@ -89,6 +100,50 @@ fn joint_state(state: &JointState) -> Vec<Fact> {
         joints(state.joints),
         Fact::new("gripper", "gripper_percent", value, Gripper(state.gripper)),
         Fact::words("status", state.status),
+    ]
+}
+
+fn mode_state(state: &ModeState) -> Vec<Fact> {
+    let each = |names: (&str, &str), unit: &str, shown: &str, value: fn(&JointForce) -> i16| {
+        let values = state.joints.iter().map(value);
+        let values = values.map(|value| (number(f64::from(value) / 1e3), Thousandths(value).to_string()));
+        Fact::each(names, unit, shown, values)
+    };
+    let current = |names, value| each(names, "a", " A", value);
+    vec![
+        Fact::words("mode", state.mode),
+        Fact::new("blocked", "blocked_mask", state.blocked.0, state.blocked),
+        Fact::new("valid", "valid_mask", state.valid.0, state.valid),
+        each(("residual torques", "residual_torque"), "nm", " Nm", |joint| {
+            joint.residual_torque
+        }),
+        current(("requested currents", "requested_current"), |joint| {
+            joint.requested_current
+        }),
+        current(("output currents", "output_current"), |joint| joint.output_current),
+        current(("measured currents", "measured_current"), |joint| {
+            joint.measured_current
+        }),
+    ]
+}
+
+fn force_feedback(state: &ForceFeedback) -> Vec<Fact> {
+    let switch = |name: &str, key: &str, is_on: bool| Fact::new(name, key, is_on, if is_on { "on" } else { "off" });
+    vec![
+        switch("requested", "is_requested", state.is_requested),
+        switch("effective", "is_effective", state.is_effective),
+        Fact::new("inhibit", "inhibit_mask", state.inhibit.0, state.inhibit),
+        switch("sync", "is_sync_active", state.is_sync_active),
+        switch("torque", "is_torque_enabled", state.is_torque_enabled),
+        switch("requested torque", "is_torque_requested", state.is_torque_requested),
+        Fact::new("transition", "transition", state.transition, state.transition),
+        Fact::new("raw grip", "grip_raw", state.grip, state.grip),
+        Fact::new(
+            "requested mode",
+            "requested_mode",
+            state.requested_mode,
+            state.requested_mode,
+        ),
     ]
 }
 

@@ -17,7 +17,8 @@ mod tests {
     use armwire::alpha1::{self, Alpha1, FirmwareVersion, Outcome, ServoId, ServoResponse, ServoStates, Text};
     use armwire::ling::legacy::{self, Firmware, GripperState, Legacy};
     use armwire::ling::{
-        self, Info, JointState, Ling, MotionStatus, PerServo, SelfCheck, SerialNumber, Stroke, Version,
+        self, ControlMode, ForceFeedback, Info, Inhibit, JointForce, JointMask, JointState, Ling, ModeReply,
+        ModeResult, ModeState, MotionStatus, PerServo, SelfCheck, SerialNumber, Stroke, Version,
     };
     use armwire::xarm::{
         self, ModbusFunction, Raw, Register, Reply, RotationRadius, SerialsText, State, TorqueSource, VersionText, XArm,
@@ -55,6 +56,21 @@ mod tests {
             ling::Response::Velocities(PerServo::Follower([1, 2, 3, 4, 5, 6, 7, 8, 5000, 65535])),
             ling::Response::SelfCheck(SelfCheck(0x03FF)),
             ling::Response::SelfCheck(SelfCheck(0x003E)),
+            ling::Response::ModeReply(ModeReply {
+                requested: 1,
+                result: ModeResult::Unsupported,
+            }),
+            ling::Response::ModeReply(ModeReply {
+                requested: 9,
+                result: ModeResult::Invalid,
+            }),
+            ling::Response::Mode(leader()),
+            ling::Response::ForceFeedback(ForceFeedback {
+                is_requested: true,
+                inhibit: Inhibit(0xFF),
+                is_torque_requested: true,
+                ..ForceFeedback::default()
+            }),
         ]);
         let firmware = Firmware::V5;
         check::<Legacy>([
@@ -71,6 +87,47 @@ mod tests {
                 attitude_button: 1,
             }),
         ]);
+    }
+
+    /// The state of a force-feedback leader, with a value of joint 2.
+    fn leader() -> ModeState {
+        let mut joints = [JointForce::default(); 6];
+        joints[1] = JointForce {
+            residual_torque: -12,
+            requested_current: 1_250,
+            output_current: i16::MIN,
+            measured_current: 7,
+        };
+        ModeState {
+            mode: ControlMode::Current,
+            blocked: JointMask(0b00_0110),
+            valid: JointMask(0b11_1111),
+            joints,
+        }
+    }
+
+    #[test]
+    fn currents_of_a_leader_are_in_units() {
+        let facts = object(&Ling::facts(&ling::Response::Mode(leader())));
+        assert_eq!(facts["mode"], "current");
+        assert_eq!((&facts["blocked_mask"], &facts["valid_mask"]), (&6.into(), &63.into()));
+        assert_eq!(facts["residual_torque_2_nm"], -0.012);
+        assert_eq!(facts["requested_current_2_a"], 1.25);
+        assert_eq!(facts["output_current_2_a"], -32.768);
+        assert_eq!(facts["measured_current_2_a"], 0.007);
+        assert_eq!(facts["measured_current_6_a"], 0.0);
+        let state = ForceFeedback {
+            is_requested: true,
+            inhibit: Inhibit(0x0D),
+            grip: 127,
+            ..ForceFeedback::default()
+        };
+        let facts = object(&Ling::facts(&ling::Response::ForceFeedback(state)));
+        assert_eq!(
+            (&facts["is_requested"], &facts["is_effective"]),
+            (&true.into(), &false.into())
+        );
+        assert_eq!((&facts["inhibit_mask"], &facts["grip_raw"]), (&13.into(), &127.into()));
     }
 
     #[test]

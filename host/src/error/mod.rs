@@ -15,6 +15,7 @@ use armwire::ErrorFrame;
 use armwire::ling::arrival::Away;
 use armwire::ling::effect::EffectError;
 use armwire::ling::legacy::OlderGeneration;
+use armwire::ling::mode_change::ModeError;
 use armwire::ling::stop::Stopped;
 use armwire::ling::{Immovable, JointState, MotionStatus, SerialNumber};
 use armwire_bridge::control::{StopInForce, VERSION};
@@ -87,6 +88,10 @@ pub enum Error {
     MotionRefused { name: Outside, stop: StopInForce },
     /// A request was sent, but no reading shows its effect.
     NoEffect { name: Outside, cause: EffectError },
+    /// The arm is no force-feedback leader: it does not answer the request for its control mode.
+    NoForceFeedback { name: Outside },
+    /// The arm has not applied a control mode.
+    ModeNotApplied { name: Outside, cause: ModeError },
     /// The arm in motion did not answer for [`Ling::SILENCE`](crate::Ling::SILENCE), and was asked to stop.
     Unanswered { name: Outside, silence: Box<SilentMotion> },
     /// The arm did not reach its target: it is at rest elsewhere, or it still moves after this limit and may move on.
@@ -231,6 +236,11 @@ impl Error {
             Self::Immovable { name, reason, effect } => at(name, &format!("{reason}, so {effect}")),
             Self::MotionRefused { name, stop } => at(name, &stop.to_string()),
             Self::NoEffect { name, cause } => at(name, &cause.to_string()),
+            Self::NoForceFeedback { name } => at(
+                name,
+                "not supported: the arm answers, but not for its control mode, so it is no force-feedback leader",
+            ),
+            Self::ModeNotApplied { name, cause } => at(name, &cause.to_string()),
             Self::Unanswered { name, silence } => {
                 let seconds = SilenceLimit::STOP.least().as_micros() / 1_000_000;
                 let what = at(name, &format!("no answer for {seconds} s during a motion (")).append(&silence.cause);

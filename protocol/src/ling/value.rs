@@ -184,11 +184,19 @@ impl Speed {
             return Ok(Self(ticks_per_second));
         }
         let what = if ticks_per_second < slowest {
-            Self::TOO_SLOW
+            Self::too_slow(slowest)
         } else {
             "joint speed"
         };
         Err(OutOfRange::new(what, "ticks/s", ticks_per_second, slowest, max))
+    }
+
+    /// The name of a speed that is less than this slowest one.
+    const fn too_slow(slowest: u16) -> &'static str {
+        match slowest == Self::SLOWEST.0 {
+            true => Self::TOO_SLOW,
+            false => "joint speed",
+        }
     }
 
     /// The speed of a joint that is to move, nearest to one in radians per second.
@@ -197,13 +205,22 @@ impl Speed {
     ///
     /// [`OutOfRange`] as in [`for_move`](Self::for_move): under 0.0767 and over 7.67 rad/s.
     pub fn for_move_radians_per_second(speed: f32) -> Result<Self, OutOfRange<f32>> {
-        let nearest = Self::from_radians_per_second(speed);
-        let (slowest, max) = (Self::SLOWEST.radians_per_second(), Self::MAX.radians_per_second());
-        match nearest {
-            Ok(nearest) if nearest >= Self::SLOWEST => Ok(nearest),
-            Ok(_) => Err(OutOfRange::new(Self::TOO_SLOW, "rad/s", speed, slowest, max)),
-            Err(_) => Err(OutOfRange::new("joint speed", "rad/s", speed, slowest, max)),
-        }
+        Self::from_slowest_radians_per_second(Self::SLOWEST, speed)
+    }
+
+    /// The speed of a joint that is to move, nearest to one in radians per second, of an arm with this slowest speed.
+    ///
+    /// # Errors
+    ///
+    /// [`OutOfRange`] as in [`from_slowest`](Self::from_slowest).
+    pub fn from_slowest_radians_per_second(slowest: Self, speed: f32) -> Result<Self, OutOfRange<f32>> {
+        let (least, max) = (slowest.radians_per_second(), Self::MAX.radians_per_second());
+        let what = match Self::from_radians_per_second(speed) {
+            Ok(nearest) if nearest >= slowest => return Ok(nearest),
+            Ok(_) => Self::too_slow(slowest.0),
+            Err(_) => "joint speed",
+        };
+        Err(OutOfRange::new(what, "rad/s", speed, least, max))
     }
 
     /// Ticks per second, `0..=5000`.

@@ -9,6 +9,7 @@
 //!   means torque off. The arm never follows a leader, so it is never *syncing*.
 //! * The gripper's servo turns one tick for each thousandth of the stroke, for every stroke.
 //! * Speed 0 means no motion.
+//! * A leader's motors only hold, except those of a force-feedback leader (`leader.rs`).
 //! * The plant (`mechanics.rs`) is that of a follower's joints. The gripper, and a leader in a hand, have none. Torque
 //!   that is switched on holds the present position.
 //! * Each servo is a first-order thermal model with a time constant of [`TIME_CONSTANT`]. Its final temperature is
@@ -57,6 +58,17 @@ enum Heat {
     Protecting,
 }
 
+/// What the motors of the joints follow.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Drive {
+    /// Nothing: with torque on they hold the pose.
+    Nothing,
+    /// Moves.
+    Position,
+    /// Currents: nothing holds a pose.
+    Current,
+}
+
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct Servo {
     axis: usize,
@@ -77,6 +89,7 @@ pub(super) struct Body {
     ambient: i64,
     limit: TemperatureLimit,
     torque: bool,
+    drive: Drive,
     heat: Heat,
     /// Move of another program, `None` after its time.
     other: Option<(JointAngle, Instant)>,
@@ -109,6 +122,10 @@ impl Body {
             limit: TemperatureLimit::FACTORY,
             // The vendor's examples move a follower without switching its torque on.
             torque: kind == Kind::Follower,
+            drive: match kind {
+                Kind::Leader => Drive::Nothing,
+                Kind::Follower => Drive::Position,
+            },
             heat: Heat::Normal,
             other: plant.other.map(|(angle, after)| (angle, Instant::ZERO + after)),
         }
@@ -183,7 +200,13 @@ impl Body {
 
     /// Returns true if the arm may move by itself now.
     fn can_move(&self) -> bool {
-        self.kind == Kind::Follower && self.torque
+        self.drive == Drive::Position && self.torque
+    }
+
+    /// Changes what the motors follow. A motion ends.
+    pub(super) fn set_drive(&mut self, drive: Drive) {
+        self.axes.iter_mut().for_each(Axis::stop);
+        self.drive = drive;
     }
 
     /// Starts a move. Returns true if it was accepted.
@@ -226,7 +249,7 @@ impl Body {
 
     /// Moves an axis by hand. Returns true if it moved.
     pub(super) fn push(&mut self, axis: usize, ticks: u16) -> bool {
-        if self.torque {
+        if self.torque && self.drive != Drive::Current {
             return false;
         }
         self.axes[axis].push(ticks);

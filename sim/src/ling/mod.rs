@@ -1,11 +1,12 @@
 //! A virtual Ling arm.
 //!
 //! [`LingArm`] is the electronics: it executes requests and returns the real arm's answers. `body.rs` has joint motion
-//! and servo temperatures, [`Plant`] the weight, lag and friction of the joints. [`legacy`] has an arm of the older
-//! generation, which only transmits.
+//! and servo temperatures, [`Plant`] the weight, lag and friction of the joints, [`Leader`] the control mode of a
+//! force-feedback leader. [`legacy`] has an arm of the older generation, which only transmits.
 
 mod axis;
 mod body;
+mod leader;
 pub mod legacy;
 mod mechanics;
 mod plant;
@@ -24,10 +25,12 @@ use armwire::time::{Duration, Instant};
 use armwire::{Device, DeviceEvent};
 use oorandom::Rand32;
 
+pub use self::leader::{Leader, LeaderError};
 pub use self::plant::{Plant, PlantError};
 pub use crate::serial::Counters;
 use crate::serial::SerialDevice;
-use body::Body;
+use body::{Body, Drive};
+use leader::Electronics;
 
 /// Maximum number of queued answers. Further answers are dropped.
 const MAX_REPLIES: usize = 8;
@@ -67,6 +70,8 @@ pub struct Config {
     pub echo: bool,
     /// Lag, sag, friction and noise of the joints. A leader, moved by hand, has the noise only.
     pub plant: Plant,
+    /// A force-feedback leader. Without it the arm does not answer requests for a control mode or for force feedback.
+    pub force_feedback: Option<Leader>,
 }
 
 impl Config {
@@ -83,6 +88,7 @@ impl Config {
             idle: Duration::from_millis(2),
             echo: false,
             plant: Plant::DEFAULT,
+            force_feedback: None,
         }
     }
 
@@ -125,6 +131,7 @@ struct Reply {
 pub struct LingArm {
     config: Config,
     body: Body,
+    electronics: Option<Electronics>,
     device: Device<Ling, MAX_FRAME>,
     /// Time at which the line becomes idle, `None` after that.
     idle_at: Option<Instant>,
@@ -137,8 +144,13 @@ pub struct LingArm {
 impl LingArm {
     /// Creates an arm at its zero position with a closed gripper. A follower's torque is on, a leader's is off.
     pub fn new(config: Config) -> Self {
+        let mut body = Body::new(config.kind, config.ambient, &config.plant);
+        if config.force_feedback.is_some() {
+            body.set_drive(Drive::Position);
+        }
         Self {
-            body: Body::new(config.kind, config.ambient, &config.plant),
+            body,
+            electronics: config.force_feedback.map(Electronics::new),
             noise: Rand32::new(config.plant.seed),
             config,
             device: Device::new(Ling),
@@ -158,6 +170,13 @@ impl LingArm {
             self.idle_at = None;
             self.device.idle();
             self.process_requests(idle_at);
+        }
+        self.advance_body(now);
+    }
+
+    fn advance_body(&mut self, now: Instant) {
+        if let Some(electronics) = &mut self.electronics {
+            electronics.advance(now, &mut self.body);
         }
         self.body.advance(now);
     }
@@ -237,12 +256,12 @@ impl LingArm {
     }
 
     fn process_requests(&mut self, now: Instant) {
-        self.body.advance(now);
+        self.advance_body(now);
         while let Some(event) = self.device.poll() {
             match event {
                 DeviceEvent::Request { request, .. } => {
                     self.counters.requests += 1;
-                    if let Some(response) = self.execute(&request) {
+                    if let Some(response) = self.execute(&request, now) {
                         self.reply(now, &response);
                     }
                 }
@@ -254,7 +273,7 @@ impl LingArm {
     }
 
     /// Executes a request and returns the answer, if it has one.
-    fn execute(&mut self, request: &Request) -> Option<Response> {
+    fn execute(&mut self, request: &Request, now: Instant) -> Option<Response> {
         let accepted = match *request {
             Request::ReadInfo => {
                 return Some(Response::Info(Info {
@@ -288,8 +307,15 @@ impl LingArm {
                 true
             }
             Request::Move(target) => self.body.go(&target),
-            // A request of a later protocol version.
-            _ => false,
+            // A request to a force-feedback leader, or of a later protocol version.
+            ref request => {
+                let electronics = self.electronics.as_mut();
+                let answer = electronics.and_then(|electronics| electronics.execute(request, now, &self.body));
+                if answer.is_some() {
+                    return answer;
+                }
+                false
+            }
         };
         self.counters.refused += u64::from(!accepted);
         None

@@ -3,7 +3,9 @@
 mod plant;
 
 use armwire::decoder::{self, Decoder};
-use armwire::ling::{Frame, GripperSpeed, Move, Speed, TemperatureLimit};
+use armwire::ling::{
+    ControlMode, Frame, GripperSpeed, JointMask, ModeReply, ModeResult, Move, Speed, TemperatureLimit,
+};
 use armwire::messages::Messages;
 use oorandom::Rand32;
 use proptest::prelude::*;
@@ -514,4 +516,121 @@ fn late_or_endless_clock_is_handled() {
     assert_eq!(arm.joints(), [2048; JOINTS]);
     arm.advance(Instant::from_micros(u64::MAX));
     assert!(arm.is_holding());
+}
+
+/// A force-feedback leader.
+fn leader(words: &str) -> Host<LingArm> {
+    host(Config {
+        force_feedback: Some(words.parse().unwrap()),
+        plant: Plant::IDEAL,
+        ..Config::leader()
+    })
+}
+
+fn mode(host: &mut Host<LingArm>) -> ControlMode {
+    match host.call(Request::ReadMode) {
+        Ok(Some(Response::Mode(state))) => state.mode,
+        other => panic!("{other:?}"),
+    }
+}
+
+fn wait(host: &mut Host<LingArm>, millis: u64) {
+    let later = host.elapsed() + Duration::from_millis(millis);
+    host.device_mut().advance(later);
+}
+
+#[test]
+fn plain_arm_does_not_answer_for_a_mode() {
+    let mut host = host(Config::leader());
+    for request in [
+        Request::ReadMode,
+        Request::SetMode(ControlMode::Current),
+        Request::SetForceFeedback(true),
+        Request::ReadForceFeedback,
+    ] {
+        assert!(host.call(request).is_err(), "{request}");
+    }
+}
+
+#[test]
+fn accepted_mode_is_applied_later() {
+    let mut host = leader("apply=200ms");
+    let reply = ModeReply {
+        requested: 1,
+        result: ModeResult::Accepted,
+    };
+    let answer = host.call(Request::SetMode(ControlMode::Current));
+    assert_eq!(answer, Ok(Some(Response::ModeReply(reply))));
+    assert_eq!(mode(&mut host), ControlMode::Position);
+    wait(&mut host, 250);
+    assert_eq!(mode(&mut host), ControlMode::Current);
+}
+
+#[test]
+fn torque_is_off_after_a_return_to_position_mode() {
+    let mut host = leader("apply=10ms");
+    for control in [ControlMode::Current, ControlMode::Position] {
+        host.call(Request::SetTorque(Torque::On)).unwrap();
+        host.call(Request::SetMode(control)).unwrap();
+        wait(&mut host, 20);
+        assert_eq!(mode(&mut host), control);
+        assert_eq!(host.device().is_holding(), control == ControlMode::Current);
+    }
+    // It moves again with torque, at any speed.
+    host.call(Request::SetTorque(Torque::On)).unwrap();
+    host.call(go(2058, 1, 0)).unwrap();
+    wait(&mut host, 10_000);
+    assert_eq!(host.device().joints(), [2058; JOINTS]);
+}
+
+#[test]
+fn current_mode_moves_and_holds_nothing() {
+    let mut host = leader("apply=0ms");
+    host.call(Request::SetTorque(Torque::On)).unwrap();
+    host.call(Request::SetMode(ControlMode::Current)).unwrap();
+    host.call(go(3000, 1000, 0)).unwrap();
+    wait(&mut host, 2_000);
+    assert_eq!(host.device().joints(), [2048; JOINTS]);
+    assert!(host.device_mut().push_joint(0, Position::new(2100).unwrap()));
+}
+
+#[test]
+fn mode_may_be_refused_or_never_applied() {
+    let mut refusing = leader("refuse");
+    let answer = refusing.call(Request::SetMode(ControlMode::Current));
+    let Ok(Some(Response::ModeReply(reply))) = answer else {
+        panic!("{answer:?}");
+    };
+    assert_eq!(reply.result, ModeResult::Unsupported);
+    let mut host = leader("never");
+    host.call(Request::SetMode(ControlMode::Current)).unwrap();
+    wait(&mut host, 60_000);
+    assert_eq!(mode(&mut host), ControlMode::Position);
+}
+
+#[test]
+fn requested_force_feedback_acts_only_without_inhibition() {
+    let feedback = |words| {
+        let mut host = leader(words);
+        match host.call(Request::SetForceFeedback(true)) {
+            Ok(Some(Response::ForceFeedback(state))) => (state.is_requested, state.is_effective, state.inhibit.0),
+            other => panic!("{other:?}"),
+        }
+    };
+    assert_eq!(feedback(""), (true, false, 0x01));
+    assert_eq!(feedback("teleoperation"), (true, true, 0));
+    assert_eq!(feedback("teleoperation,stale,fault,unsupported"), (true, false, 0x1C));
+}
+
+#[test]
+fn words_of_a_leader_are_checked() {
+    for word in ["apply", "apply=60001ms", "blocked=1", "never=1", ",", "ideal"] {
+        assert!(word.parse::<Leader>().is_err(), "{word}");
+    }
+    let mut host = leader("blocked=2+3");
+    let answer = host.call(Request::ReadMode);
+    let Ok(Some(Response::Mode(state))) = answer else {
+        panic!("{answer:?}");
+    };
+    assert_eq!(state.blocked, JointMask(0b110));
 }
