@@ -77,6 +77,7 @@ pub use armwire;
 pub use armwire_bridge as bridge;
 
 pub use arm::alpha1::Alpha1;
+pub use arm::joints_file;
 pub use arm::known::Known;
 pub use arm::ling::{Ling, ModeSwitching, MotionReadings, Parking, Stream, StreamReading, Switching, Wait};
 pub use arm::park_poses::ParkPoses;

@@ -5,13 +5,14 @@ use std::time::Duration;
 
 use armwire::ling::arrival::Tolerances;
 use armwire::ling::effect::Effect;
-use armwire::ling::{JOINTS, JointState, Position, Stroke};
+use armwire::ling::{JOINTS, JointState, Position};
 use armwire::time;
 use armwire_bridge::config::{ArmKind, MAX_POLL_HZ, Poll};
 use armwire_bridge::control::{self, Event, StopInForce, Subscription};
+use armwire_host::joints_file::Joint;
 use armwire_host::stamps::{self, Clock};
 use armwire_host::stopwatch::Stopwatch;
-use armwire_host::{Adapter, Error, Options, ParkPoses, SilenceLimit, Stream, adapter};
+use armwire_host::{AXES, Adapter, Error, Options, ParkPoses, SilenceLimit, Stream, adapter};
 use ros2_client::RmwRequestId;
 
 use crate::clients::{Asked, Clients};
@@ -22,7 +23,7 @@ use crate::options::Arm;
 use crate::services::{Pending, refused};
 use crate::silence::Silence;
 use crate::source::{Input, Requests, Source};
-use crate::trajectory::{Joint, Refusal};
+use crate::trajectory::Refusal;
 
 /// The maximum time of a parking.
 const PARK_LIMIT: Duration = Duration::from_secs(60);
@@ -63,8 +64,8 @@ struct Session<'a, 'b> {
     stream: Stream,
     source: Source,
     clock: Stopwatch,
-    stroke: Stroke,
-    joints: Vec<Joint>,
+    units: Units,
+    joints: [Joint; AXES],
     /// The pose in which it is parked at the end.
     park: Option<[Position; JOINTS]>,
     /// Time between two readings.
@@ -100,8 +101,8 @@ impl<'a, 'b> Session<'a, 'b> {
             true => Some(ling.saved_park_pose(&ParkPoses::of_user()?)?),
             false => None,
         };
-        let mut joints = clients.arm.joints.all.clone();
-        joints[JOINTS].max = f64::from(stroke.millimetres()) / 1_000.0;
+        let joints = clients.arm.joints.clone().with_stroke(stroke).all;
+        let units = Units::new(&joints, stroke);
         let mut period = Duration::from_secs(1) / clients.arm.rate;
         if let Some(adapter) = &mut adapter {
             period = Duration::from_secs(1) / adapter_rate(adapter)?;
@@ -112,7 +113,7 @@ impl<'a, 'b> Session<'a, 'b> {
             adapter.subscribe(all)?;
         }
         let state = ling.read_joints()?;
-        let latest = Reading::new(stamps::now(), &state, stroke).map_err(|error| Failure::Arm(error.to_string()))?;
+        let latest = Reading::new(stamps::now(), &state, units).map_err(|error| Failure::Arm(error.to_string()))?;
         clients.known = Some(ling.known());
         clients.diagnostics.failure = None;
         clients.diagnostics.stamps = if adapter.is_some() { "adapter" } else { "host" };
@@ -131,8 +132,8 @@ impl<'a, 'b> Session<'a, 'b> {
                 None => Source::Arm(Requests::new(now, micros)),
             },
             clock,
-            stroke,
-            motion: Motion::new(joints.clone(), JOINTS, Units(stroke), silence, now, latest.clone()),
+            units,
+            motion: Motion::new(joints.clone(), JOINTS, units, silence, now, latest.clone()),
             joints,
             park,
             period,
@@ -251,7 +252,7 @@ impl<'a, 'b> Session<'a, 'b> {
     /// Publishes a reading with this stamp, which was made at `made`.
     fn publish(&mut self, at: i64, made: time::Instant, state: &JointState) {
         let diagnostics = &mut self.clients.diagnostics;
-        let Ok(reading) = Reading::new(at, state, self.stroke) else {
+        let Ok(reading) = Reading::new(at, state, self.units) else {
             diagnostics.unusable += 1;
             return;
         };

@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 
 use armwire::ling::Torque;
 use armwire::ling::effect::Effect;
+use armwire_host::joints_file::Joint;
 use armwire_host::{Known, stamps};
 use ros2_client::action::{CancelGoalRequest, GoalId, GoalInfo, SendGoalRequest, SendGoalResponse};
 use ros2_client::{Gid, ReadError, RmwRequestId};
@@ -25,7 +26,7 @@ use crate::numbers::Numbers;
 use crate::options::Arm;
 use crate::services::refused;
 use crate::tolerances::Tolerances;
-use crate::trajectory::{Joint, Refusal};
+use crate::trajectory::Refusal;
 
 /// Time between two diagnostics.
 const DIAGNOSTICS_PERIOD: Duration = Duration::from_secs(1);

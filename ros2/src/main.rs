@@ -3,7 +3,7 @@
 //! Each arm has a thread, which owns its port, topics, services and action.
 //!
 //! ```text
-//! joints_file ► options ► main ──► node: participant, topics, QoS
+//! joints file ► options ► main ──► node: participant, topics, QoS
 //!                          │        │ Endpoints of one arm
 //!                          ▼        ▼
 //!  adapter or arm ◄───►  arm ◄──► clients ──► JointState on NAME/joint_states
@@ -25,7 +25,6 @@ mod clients;
 mod diagnostics;
 mod goals;
 mod joint_states;
-mod joints_file;
 mod messages;
 mod motion;
 mod node;

@@ -9,6 +9,7 @@ use armwire::ling::{Immovable, Move};
 use armwire::time::{Duration, Instant};
 use armwire_bridge::control::StopInForce;
 use armwire_host::engine::{self, Engine, Fault};
+use armwire_host::joints_file::Joint;
 use armwire_host::trajectory::{Knot, Trajectory};
 use armwire_host::{AXES, Rate, trajectory as host};
 use ros2_client::action::GoalId;
@@ -16,7 +17,7 @@ use ros2_client::action::GoalId;
 use crate::joint_states::{Reading, Units};
 use crate::messages::JointTrajectory;
 use crate::tolerances::Tolerances;
-use crate::trajectory::{self, Joint, Pose, Refusal};
+use crate::trajectory::{self, Pose, Refusal};
 
 /// Minimum time between two outputs of feedback.
 const FEEDBACK_PERIOD: Duration = Duration::from_millis(50);
@@ -112,7 +113,7 @@ pub(crate) enum Output {
 /// The motion of an arm.
 #[derive(Debug)]
 pub(crate) struct Motion {
-    joints: Vec<Joint>,
+    joints: [Joint; AXES],
     /// The number of joints that a trajectory must name: all but the gripper.
     required: usize,
     units: Units,
@@ -140,15 +141,16 @@ struct Waiting {
 impl Motion {
     /// No motion of an arm with this reading at `now`, which is silent after `silence`.
     pub(crate) fn new(
-        joints: Vec<Joint>,
+        joints: [Joint; AXES],
         required: usize,
         units: Units,
         silence: Duration,
         now: Instant,
         reading: Reading,
     ) -> Self {
-        let mut drift = [Some(JOINT_DRIFT); AXES];
-        drift[AXES - 1] = Some(GRIPPER_DRIFT);
+        let mut drift = [JOINT_DRIFT; AXES];
+        drift[AXES - 1] = GRIPPER_DRIFT;
+        let drift: [_; AXES] = std::array::from_fn(|axis| Some(joints[axis].scale.length(drift[axis])));
         let mut motion = Self {
             joints,
             required,
@@ -375,6 +377,7 @@ fn micros(time: std::time::Duration) -> Duration {
 #[cfg(test)]
 mod tests {
     use armwire::ling::{JOINTS, JointState, MotionStatus, Stroke};
+    use armwire_host::joints_file::{self, Scale};
     use proptest::prelude::*;
 
     use super::*;
@@ -386,16 +389,17 @@ mod tests {
     /// The gripper's number.
     const GRIPPER: usize = JOINTS;
 
-    fn joints() -> Vec<Joint> {
+    fn joints() -> [Joint; AXES] {
         let joint = |name: &str| Joint {
             name: name.to_owned(),
+            scale: Scale::ARM,
             min: -3.0,
             max: 3.0,
             max_speed: Some(2.0),
             path: None,
             goal: None,
         };
-        let mut joints = ["a", "b", "c", "d", "e", "f", "gripper"].map(joint).to_vec();
+        let mut joints = ["a", "b", "c", "d", "e", "f", "gripper"].map(joint);
         joints[GRIPPER] = Joint {
             min: 0.0,
             max: 0.05,
@@ -403,6 +407,10 @@ mod tests {
             ..joint("gripper")
         };
         joints
+    }
+
+    fn units() -> Units {
+        Units::new(&joints(), STROKE)
     }
 
     /// A motion and its arm, which is at each setpoint at once unless it is blocked.
@@ -424,13 +432,13 @@ mod tests {
     }
 
     fn reading(millis: u64, positions: &[f64], status: MotionStatus) -> Reading {
-        let axes = Units(STROKE).axes(positions).map(|units| units.round() as u16);
+        let axes = units().axes(positions).map(|units| units.round() as u16);
         let state = JointState {
             joints: std::array::from_fn(|joint| axes[joint]),
             gripper: axes[GRIPPER],
             status,
         };
-        Reading::new(SYSTEM + millis as i64 * 1_000_000, &state, STROKE).unwrap()
+        Reading::new(SYSTEM + millis as i64 * 1_000_000, &state, units()).unwrap()
     }
 
     impl Bench {
@@ -444,7 +452,7 @@ mod tests {
             let reading = reading(0, &arm, status);
             let silence = Duration::from_millis(250);
             Self {
-                motion: Motion::new(joints(), 1, Units(STROKE), silence, Instant::ZERO, reading),
+                motion: Motion::new(joints(), 1, units(), silence, Instant::ZERO, reading),
                 now: 0,
                 arm,
                 blocked: [false; AXES],
@@ -962,5 +970,57 @@ mod tests {
                 prop_assert!((to - setpoint).abs() <= allowed || (to - from).abs() <= allowed, "{:?}", pair);
             }
         });
+    }
+    #[test]
+    fn trajectory_in_the_units_of_the_file_moves_the_arm() {
+        let text = "[arm.joints]\njoint1 = { name = \"base\", factor = -57.29577951308232, offset = 90, min = 0 }\n\
+                    gripper = { name = \"finger\", factor = 0.5, offset = -0.025 }";
+        let joints = joints_file::parse(text).unwrap()["arm"].clone().with_stroke(STROKE).all;
+        let units = Units::new(&joints, STROKE);
+        let state = JointState {
+            joints: [2_048; JOINTS],
+            gripper: 1_000,
+            status: MotionStatus::Locked,
+        };
+        let reading = Reading::new(SYSTEM, &state, units).unwrap();
+        let names: Vec<_> = joints.iter().map(|joint| joint.name.clone()).collect();
+        let silence = Duration::from_millis(60_000);
+        let mut motion = Motion::new(joints, JOINTS, units, silence, Instant::ZERO, reading);
+        let mut order = |base: f64, finger: f64| {
+            let order = Order {
+                origin: Origin::Topic,
+                trajectory: JointTrajectory {
+                    joint_names: names.clone(),
+                    points: vec![JointTrajectoryPoint {
+                        positions: vec![base, 0.0, 0.0, 0.0, 0.0, 0.0, finger],
+                        time_from_start: Time { sec: 1, nanosec: 0 },
+                        ..Default::default()
+                    }],
+                    ..Default::default()
+                },
+                tolerances: None,
+            };
+            motion.accept(Instant::ZERO, SYSTEM, order)?;
+            let mut last = None;
+            for millis in (0..=1_500).step_by(5) {
+                while let Some(output) = motion.poll(Instant::from_millis(millis)) {
+                    if let Output::Move(next) = output {
+                        last = Some((next.joints[0].0.ticks(), next.gripper.0.per_mille()));
+                    }
+                }
+            }
+            Ok::<_, Refusal>(last)
+        };
+        let refused = |result: Result<_, Refusal>| result.unwrap_err().to_string();
+        assert_eq!(
+            refused(order(-1.0, 0.0)),
+            "point 0: \"base\" at -1 is out of range 0.0000 to 270.0000"
+        );
+        assert_eq!(
+            refused(order(90.0, 0.001)),
+            "point 0: \"finger\" at 0.001 is out of range -0.0250 to 0.0000"
+        );
+        // 45° less are an eighth of a turn up, and -0.005 m of the finger 40 mm of opening.
+        assert_eq!(order(45.0, -0.005), Ok(Some((2_048 + 512, 800))));
     }
 }

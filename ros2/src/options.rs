@@ -1,14 +1,12 @@
 //! The command line.
 
-use std::collections::{BTreeMap, HashMap};
-use std::fs;
+use std::collections::HashMap;
 use std::net::Ipv4Addr;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use armwire_host::Port;
+use armwire_host::joints_file::{self, Joints};
 use clap::{Parser, ValueEnum};
-
-use crate::joints_file::{self, Joints};
 
 /// Serve robot arms as ROS 2 nodes over DDS. Nothing leaves this computer unless an interface is named.
 #[derive(Parser)]
@@ -21,8 +19,8 @@ pub(crate) struct Options {
     /// The control port of an arm's adapter, if it cannot be found by the arm's port.
     #[arg(long = "control", value_name = "NAME=PORT")]
     controls: Vec<String>,
-    /// The file with the names, limits and tolerances of the joints. Without it: joint1 to joint6 and gripper, with the
-    /// limits of the protocol.
+    /// The file with the names, units, limits and tolerances of the joints. Without it: joint1 to joint6 in rad and
+    /// gripper in m, with the limits of the protocol.
     #[arg(long, value_name = "FILE")]
     joints: Option<PathBuf>,
     /// Readings per second of an arm without an adapter. An adapter polls at its own rate.
@@ -87,7 +85,8 @@ impl Options {
     /// The first inconsistent option, with the reason.
     pub(crate) fn checked(&self) -> Result<Checked, String> {
         let mut controls = by_name("--control", &self.controls)?;
-        let mut joints = self.joints.as_deref().map(joints_of).transpose()?.unwrap_or_default();
+        let joints = self.joints.as_deref().map(joints_file::read).transpose();
+        let mut joints = joints.map_err(|error| format!("--joints {error}"))?.unwrap_or_default();
         let mut arms: Vec<Arm> = Vec::new();
         for text in &self.arms {
             let (name, address) = split("--arm", text)?;
@@ -163,12 +162,6 @@ fn is_name(name: &str) -> bool {
         && !name.contains("__")
 }
 
-fn joints_of(path: &Path) -> Result<BTreeMap<String, Joints>, String> {
-    let text = fs::read_to_string(path).map_err(|error| error.to_string());
-    text.and_then(|text| joints_file::parse(&text))
-        .map_err(|error| format!("--joints {path:?}: {error}"))
-}
-
 /// The IPv4 address of an interface of this computer.
 fn interface(text: &str) -> Result<Ipv4Addr, String> {
     let interfaces = netdev::get_interfaces();
@@ -193,6 +186,8 @@ fn interface(text: &str) -> Result<Ipv4Addr, String> {
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use super::*;
 
     fn checked(args: &[&str]) -> Result<Checked, String> {
@@ -242,7 +237,7 @@ mod tests {
             ),
             (
                 &["--arm=a=ling:x", "--joints=/nowhere/joints.toml"],
-                "--joints \"/nowhere/joints.toml\": No such file",
+                "--joints /nowhere/joints.toml: No such file",
             ),
             (&["--arm=left"], "= is missing"),
             (&["--arm=a=xarm:1.2.3.4"], "no other arm reports joint positions"),

@@ -133,12 +133,13 @@ impl Port for Stream {
 mod tests {
     use armwire::decoder::{Decoder, Kind};
     use armwire::ling::{JOINTS, MAX_FRAME, Request, Stroke};
+    use armwire_host::joints_file::{Joints, NAMES};
     use armwire_sim::faults::{Line, Rates};
     use armwire_sim::ling::{Config, LingArm};
     use armwire_sim::serial::SerialDevice;
 
     use super::*;
-    use crate::joint_states::{Reading, Units, joints};
+    use crate::joint_states::{Reading, Units};
     use crate::messages::{JointTrajectory, JointTrajectoryPoint, Time};
     use crate::motion::{Motion, Order, Origin, Output};
 
@@ -215,11 +216,10 @@ mod tests {
 
     /// A trajectory of a minute.
     fn order() -> Order {
-        let names = crate::joint_states::DEFAULT_NAMES;
         Order {
             origin: Origin::Topic,
             trajectory: JointTrajectory {
-                joint_names: names[..JOINTS].iter().map(|&name| name.to_owned()).collect(),
+                joint_names: NAMES[..JOINTS].iter().map(|&name| name.to_owned()).collect(),
                 points: vec![JointTrajectoryPoint {
                     positions: vec![1.0; JOINTS],
                     time_from_start: Time { sec: 60, nanosec: 0 },
@@ -240,10 +240,10 @@ mod tests {
             gripper: 0,
             status: armwire::ling::MotionStatus::Locked,
         };
-        let reading = |state: &JointState| Reading::new(0, state, Stroke::Mm50).unwrap();
-        let joints = joints(&crate::joint_states::DEFAULT_NAMES.map(str::to_owned));
+        let joints = Joints::default().with_stroke(Stroke::Mm50).all;
+        let units = Units::new(&joints, Stroke::Mm50);
+        let reading = |state: &JointState| Reading::new(0, state, units).unwrap();
         let silence = Duration::from_millis(250);
-        let units = Units(Stroke::Mm50);
         let mut motion = Motion::new(joints, JOINTS, units, silence, port.now, reading(&at_rest));
         motion.accept(port.now, 0, order()).unwrap();
         let (mut worst, mut sent, mut moves) = (Duration::ZERO, port.now, 0);

@@ -2,13 +2,12 @@
 
 use std::time::Duration;
 
+use armwire_host::joints_file::{Joint, MAX_GOAL_TIME};
+
 use crate::messages::{FollowGoal, JointTolerance, Time};
-use crate::trajectory::{Joint, MAX_GOAL_TIME, Refusal};
+use crate::trajectory::Refusal;
 
-/// Time after the last point, by default, within which the joints must be at it.
-pub(crate) const DEFAULT_GOAL_TIME: Duration = Duration::from_secs(1);
-
-/// The tolerances of each joint, in rad, or in m for a gripper. `None` allows any distance.
+/// The tolerances of each joint, in its unit. `None` allows any distance.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Tolerances {
     /// The distance from the setpoint until the last point.
@@ -76,12 +75,17 @@ fn duration(time: Time) -> Option<Duration> {
 
 #[cfg(test)]
 mod tests {
+    use armwire_host::joints_file::Scale;
+
     use super::*;
+
+    const DEFAULT_GOAL_TIME: Duration = Duration::from_secs(1);
 
     fn joints() -> Vec<Joint> {
         ["a", "b"]
             .map(|name| Joint {
                 name: name.to_owned(),
+                scale: Scale::ARM,
                 min: -3.0,
                 max: 3.0,
                 max_speed: Some(2.0),

@@ -4,11 +4,10 @@ use std::time::Duration;
 
 use armwire::ling::Immovable;
 use armwire_bridge::control::StopInForce;
+use armwire_host::joints_file::{Joint, MAX_GOAL_TIME};
 
 use crate::messages::{JointTrajectory, JointTrajectoryPoint, Time};
 
-/// Maximum time after the last point.
-pub(crate) const MAX_GOAL_TIME: Duration = Duration::from_secs(60);
 /// The age up to which `header.stamp` counts as now, for the latency of the network and the difference of clocks.
 const MAX_AGE: Duration = Duration::from_millis(200);
 /// Maximum time until a start, and maximum duration of a trajectory.
@@ -19,19 +18,6 @@ const START_TOLERANCE: f64 = 0.05;
 
 /// Maximum number of characters of an unknown name in a refusal.
 const MAX_NAME: usize = 64;
-
-/// A joint of a trajectory, in rad and rad/s, or in m for a gripper.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Joint {
-    pub(crate) name: String,
-    pub(crate) min: f64,
-    pub(crate) max: f64,
-    /// `None` without a limit of the arm: the gripper.
-    pub(crate) max_speed: Option<f64>,
-    /// Default tolerances of a goal, see [`Tolerances`](crate::tolerances::Tolerances).
-    pub(crate) path: Option<f64>,
-    pub(crate) goal: Option<f64>,
-}
 
 /// The joints of an arm when a trajectory starts.
 #[derive(Clone, Debug, PartialEq)]
@@ -78,7 +64,7 @@ pub(crate) enum Refusal {
         min: f64,
         max: f64,
     },
-    #[error("point {point}: {joint:?} would move at {speed:.3} rad/s, allowed {max:.3}")]
+    #[error("point {point}: {joint:?} would move by {speed:.3} per second, allowed {max:.3}")]
     Speed {
         point: usize,
         joint: String,
@@ -311,7 +297,7 @@ fn positions(
 /// Checks that a first point at time 0 is near the arm's position.
 fn near(joints: &[Joint], current: &[f64], first: &[f64]) -> Result<(), Refusal> {
     for ((joint, current), first) in joints.iter().zip(current).zip(first) {
-        let distance = (first - current).abs();
+        let distance = (first - current).abs() / joint.scale.length(1.0);
         if joint.max_speed.is_some() && distance > START_TOLERANCE {
             return Err(Refusal::Start {
                 joint: joint.name.clone(),
@@ -340,6 +326,8 @@ fn speeds(joints: &[Joint], nth: usize, from: &Knot, to: &Knot) -> Result<(), Re
 
 #[cfg(test)]
 mod tests {
+    use armwire_host::joints_file::Scale;
+
     use super::*;
 
     const NOW: i64 = 1_700_000_000_000_000_000;
@@ -347,6 +335,7 @@ mod tests {
     fn joints() -> Vec<Joint> {
         let joint = |name: &str| Joint {
             name: name.to_owned(),
+            scale: Scale::ARM,
             min: -3.0,
             max: 3.0,
             max_speed: Some(2.0),
@@ -476,7 +465,7 @@ mod tests {
             (point(9.0, &[f64::INFINITY, 0.0]), "point 1: positions of \"a\" is inf"),
             (
                 point(2.0, &[0.0, 2.5]),
-                "point 1: \"b\" would move at 2.500 rad/s, allowed 2.000",
+                "point 1: \"b\" would move by 2.500 per second, allowed 2.000",
             ),
             (
                 point(1.0, &[0.0, 0.0]),
@@ -520,6 +509,22 @@ mod tests {
         assert_eq!(
             refused(&far),
             "point 0 at time 0 is 0.0600 rad from \"b\", allowed 0.05"
+        );
+    }
+
+    #[test]
+    fn start_of_a_joint_in_degrees_is_near_too() {
+        let mut joints = joints();
+        joints[1].scale = Scale::new(-57.3, 0.0).unwrap();
+        let pose = Pose {
+            positions: vec![0.0, 0.0, 0.02],
+            goals: vec![0.0, 0.0, 0.02],
+        };
+        let checked = |degrees| check(&joints, 2, &trajectory(&[point(0.0, &[0.0, degrees])]), &pose);
+        assert!(checked(2.8).is_ok());
+        assert_eq!(
+            checked(-2.9).unwrap_err().to_string(),
+            "point 0 at time 0 is 0.0506 rad from \"b\", allowed 0.05"
         );
     }
 

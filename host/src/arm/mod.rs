@@ -1,6 +1,7 @@
 //! Arms: their requests, and what a motion depends on.
 
 pub(crate) mod alpha1;
+pub mod joints_file;
 pub(crate) mod known;
 mod legacy;
 pub(crate) mod ling;
