@@ -8,6 +8,7 @@ mod alpha1;
 mod command;
 mod error;
 mod joints;
+mod joints_file;
 mod ling;
 mod reader;
 mod session;
@@ -25,6 +26,8 @@ mod _armwire {
     #[cfg(feature = "command")]
     #[pymodule_export]
     use super::command::run;
+    #[pymodule_export]
+    use super::joints_file::read_joints_file;
     #[pymodule_export]
     use super::ling::{
         LingParking, LingPort, LingSwitching, LingWait, ling_angles, ling_is_holding, ling_joints, ling_motion_refusal,

@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 
 import armwire
-from armwire import MotionStatus, sim
+from armwire import MotionStatus, joints_file, sim
 
 pytest.importorskip("matplotlib")
 from armwire import plot
+
+DEFINITION = Path(__file__).parents[2] / "cli/src/recording/joint_state.ros2msg"
 
 
 def run(*arguments: str) -> str:
@@ -69,6 +71,38 @@ def test_recording_of_the_command_is_read_and_drawn(virtual: sim.VirtualLing, tm
         assert drawn.returncode == 1
         assert text in drawn.stderr
         assert "Traceback" not in drawn.stderr
+
+
+def test_recording_of_another_program_is_drawn_by_its_joints(tmp_path: Path) -> None:
+    from mcap_ros2.writer import Writer
+
+    path, file, figure = tmp_path / "model.mcap", tmp_path / "joints.toml", tmp_path / "figure.png"
+    names = ["finger", "elbow", "joint1", "joint3", "joint4", "joint5", "joint6"]
+    with path.open("wb") as out:
+        writer = Writer(out)
+        schema = writer.register_msgdef("sensor_msgs/msg/JointState", DEFINITION.read_text())
+        for second in range(3):
+            position = [-0.01 * second, 90 - second, *[0.0] * 5]
+            header = {"stamp": {"sec": second, "nanosec": 0}, "frame_id": ""}
+            message = {"header": header, "name": names, "position": position, "velocity": [], "effort": []}
+            writer.write_message("/joint_states", schema, message, log_time=second, publish_time=second)
+        writer.finish()  # type: ignore[no-untyped-call]
+    file.write_text(
+        "[arm.joints]\n"
+        'joint2 = { name = "elbow", factor = -57.29577951308232, offset = 90 }\n'
+        'gripper = { name = "finger", factor = 0.5, offset = -0.025 }\n'
+    )
+    motion = plot.read_mcap(path, joints=joints_file.read(file))
+    np.testing.assert_allclose(motion.joints_deg[:, 1], [0, 1, 2])
+    np.testing.assert_allclose(motion.gripper_mm, [50, 30, 10])
+    assert draw(str(path), "--save", str(figure), "--joints", str(file)).returncode == 0
+    assert figure.stat().st_size > 1000
+    with pytest.raises(ValueError, match="must be joint1, joint2, "):
+        plot.read_mcap(path)
+    file.write_text("[arm.joints]\njoint1 = { factor = nan }\n")
+    drawn = draw(str(path), "--save", str(figure), "--joints", str(file))
+    assert (drawn.returncode, drawn.stderr.count("\n")) == (1, 1)
+    assert 'joints.toml: "arm": joint1: factor NaN is not a finite number other than 0' in drawn.stderr
 
 
 def test_recording_that_ends_early_is_read_as_far_as_it_goes(virtual: sim.VirtualLing, tmp_path: Path) -> None:

@@ -1,14 +1,16 @@
 //! The motion of an arm in a file.
 
 use std::collections::BTreeMap;
+use std::f64::consts::TAU;
 use std::fs::File;
 use std::io::{BufReader, IsTerminal as _, Read};
 use std::path::Path;
 
-use armwire::ling::{JOINTS, JointState, Ling, Move, Opening, Position, Request, Response, Stroke};
+use armwire::ling::{JOINTS, JointState, Ling, Move, Opening, Position, Request, Response, Stroke, TICKS_PER_TURN};
 use armwire::messages::Messages;
 use armwire::time::Instant;
 use armwire_host::Protocol;
+use armwire_host::joints_file::Joints;
 use armwire_host::replay::Point;
 
 use crate::args::Speaker;
@@ -90,6 +92,25 @@ impl Recorded {
         };
         self.poses.iter().map(point).collect()
     }
+
+    /// Refuses a pose outside of the limits of a file of joints.
+    fn check(&self, joints: &Joints) -> Result<(), String> {
+        const HALF_A_TICK: f64 = TAU / TICKS_PER_TURN as f64 / 2.0;
+        for pose in &self.poses {
+            for (joint, position) in joints.all.iter().zip(pose.joints) {
+                let value = joint.scale.value(position.radians().into());
+                let rounding = joint.scale.length(HALF_A_TICK);
+                if !(joint.min - rounding..=joint.max + rounding).contains(&value) {
+                    let seconds = micros(self.poses[0].at, pose.at) as f64 / 1e6;
+                    return Err(format!(
+                        "{} is at {value:.4} at {seconds:.2} s, and its limits are {:.4} to {:.4} (--joints)",
+                        joint.name, joint.min, joint.max
+                    ));
+                }
+            }
+        }
+        Ok(())
+    }
 }
 
 /// The whole microseconds from one time to a later one.
@@ -97,8 +118,18 @@ fn micros(from: i64, to: i64) -> u64 {
     to.abs_diff(from) / 1_000
 }
 
-/// Reads the motion on `topic`, or on the only one. With `are_readings`, goals are left out.
-pub(super) fn read(path: &Path, topic: Option<&str>, are_readings: bool) -> Result<Recorded, Error> {
+/// The motion to read from a file.
+pub(super) struct Wanted<'a> {
+    /// The topic of its arm. `None` for the only one.
+    pub(super) topic: Option<&'a str>,
+    /// Goals are left out.
+    pub(super) are_readings: bool,
+    /// The joints in a file of joints, with which the names and limits are those of the file.
+    pub(super) joints: Option<&'a Joints>,
+}
+
+/// Reads a motion.
+pub(super) fn read(path: &Path, wanted: &Wanted<'_>) -> Result<Recorded, Error> {
     let name = path.display().to_string();
     let failed = |error| Error::at(&name, error);
     let refused = |reason: String| Error::at(&name, reason);
@@ -134,8 +165,12 @@ pub(super) fn read(path: &Path, topic: Option<&str>, are_readings: bool) -> Resu
         return Err(refused(format!("byte {place}: {reason}")));
     }
     let tracks = tracks.channels.into_values().collect();
-    let track = chosen(tracks, topic).map_err(refused)?;
-    track.into_recorded(are_readings).map_err(refused)
+    let track = chosen(tracks, wanted.topic).map_err(refused)?;
+    let recorded = track.into_recorded(wanted).map_err(refused)?;
+    if let Some(joints) = wanted.joints {
+        recorded.check(joints).map_err(refused)?;
+    }
+    Ok(recorded)
 }
 
 /// The track on `topic`. Without it: the arm that was recorded, or the follower of two.
@@ -249,11 +284,11 @@ impl Track {
     }
 
     /// The motion: its goals if there are any, else the readings.
-    fn into_recorded(self, are_readings: bool) -> Result<Recorded, String> {
+    fn into_recorded(self, wanted: &Wanted<'_>) -> Result<Recorded, String> {
         let (source, poses) = if self.kind == Kind::JointStates {
-            let poses = timed(&self.joints)?.map(|(at, joints)| pose(at, joints));
+            let poses = timed(&self.joints)?.map(|(at, named)| pose(at, named, wanted.joints));
             (Source::JointStates, poses.collect::<Result<Vec<_>, _>>()?)
-        } else if self.goals.len() > 1 && !are_readings {
+        } else if self.goals.len() > 1 && !wanted.are_readings {
             let pose = |(at, target): (i64, &Move)| Pose {
                 at,
                 joints: target.joints.map(|(position, _)| position),
@@ -336,35 +371,44 @@ fn in_order(mut poses: Vec<Pose>) -> (Vec<Pose>, Vec<String>) {
     (kept, warnings)
 }
 
-/// The pose in joint states: `joint1` to `joint6` in rad, and perhaps `gripper`, its opening in m.
-fn pose(at: i64, named: &NamedJoints) -> Result<Pose, String> {
-    let mut joints = [None; JOINTS];
-    let mut gripper = Gripper::Unknown;
-    for (name, position) in &named.positions {
-        let number = name
-            .strip_prefix("joint")
-            .and_then(|number| number.parse::<usize>().ok());
-        match number.and_then(|number| joints.get_mut(number.checked_sub(1)?)) {
-            Some(joint) => {
-                let position = Position::from_radians(*position as f32);
-                *joint = Some(position.map_err(|error| format!("{name}: {error}"))?);
+/// The pose in joint states: all joints of the file of joints, and perhaps the gripper. Without a file those of this
+/// project, in rad and m.
+fn pose(at: i64, named: &NamedJoints, stated: Option<&Joints>) -> Result<Pose, String> {
+    let defaults = Joints::default();
+    let joints = stated.unwrap_or(&defaults);
+    let mut positions = [None; JOINTS];
+    let mut gripper = None;
+    for (name, value) in &named.positions {
+        let Some(axis) = joints.position(name) else {
+            let name = cut(name);
+            return Err(match stated {
+                Some(joints) => format!("the joint '{name}' is none of {} (--joints)", joints.names()),
+                None => format!(
+                    "the unit of '{name}' is not known: replayed are joint1 to joint{JOINTS} in rad, and gripper in m \
+                     (--joints FILE names others)"
+                ),
+            });
+        };
+        let arm = joints.all[axis].scale.arm(*value);
+        let is_repeated = match positions.get_mut(axis) {
+            Some(position) => {
+                let new = Position::from_radians(arm as f32);
+                position
+                    .replace(new.map_err(|error| format!("{name}: {error}"))?)
+                    .is_some()
             }
-            None if name == "gripper" => gripper = Gripper::Metres(*position),
-            None => {
-                let name = cut(name);
-                return Err(format!(
-                    "the unit of '{name}' is not known: replayed are joint1 to joint{JOINTS} in rad, and gripper in m"
-                ));
-            }
+            None => gripper.replace(Gripper::Metres(arm)).is_some(),
+        };
+        if is_repeated {
+            return Err(format!("{name} is there twice"));
         }
     }
-    let mut missing = (1..).zip(&joints).filter(|(_, joint)| joint.is_none());
-    match missing.next() {
-        Some((number, _)) => Err(format!("joint{number} is missing")),
+    match positions.iter().position(Option::is_none) {
+        Some(missing) => Err(format!("{} is missing", joints.all[missing].name)),
         None => Ok(Pose {
             at,
-            joints: joints.map(|joint| joint.unwrap_or(Position::CENTRE)),
-            gripper,
+            joints: positions.map(|position| position.unwrap_or(Position::CENTRE)),
+            gripper: gripper.unwrap_or(Gripper::Unknown),
         }),
     }
 }

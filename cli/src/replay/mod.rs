@@ -8,6 +8,7 @@ use std::time::Duration;
 use armwire::ling::effect::Effect;
 use armwire::ling::{JOINTS, JointState, Kind, Speed, Stroke, Torque};
 use armwire::time;
+use armwire_host::joints_file;
 use armwire_host::replay::{self, Motion, Output, Progress, Range, Refusal, Tracking};
 use armwire_host::stopwatch::Stopwatch;
 use armwire_host::{Error as Host, Limits, Ling, Rate, Stream};
@@ -20,7 +21,7 @@ use crate::output::{print_error, print_line};
 use crate::signals;
 use crate::status::{Status, StatusArg};
 use crate::stop::{self, stoppable};
-use file::{Recorded, Source};
+use file::{Recorded, Source, Wanted};
 
 /// The longest wait for readings. Signals are checked between waits.
 const MAX_WAIT: Duration = Duration::from_millis(20);
@@ -29,7 +30,7 @@ const MAX_WAIT: Duration = Duration::from_millis(20);
 #[derive(Args)]
 pub(crate) struct Replay {
     /// MCAP file: of 'armwire record', 'monitor --mcap' or 'teleop --mcap'; or of another program, with
-    /// sensor_msgs/msg/JointState of joint1 to joint6.
+    /// sensor_msgs/msg/JointState of joint1 to joint6 in rad, or of the joints in --joints.
     file: PathBuf,
     #[command(flatten)]
     arm: ArmPort,
@@ -54,6 +55,12 @@ pub(crate) struct Replay {
     /// Topic of the arm, if the file has several. Default: that of the follower.
     #[arg(long)]
     topic: Option<String>,
+    /// File with the names, units and limits of the joints: docs/joints.md describes it.
+    #[arg(long, value_name = "FILE")]
+    joints: Option<PathBuf>,
+    /// Arm in the file of joints, if it has several.
+    #[arg(long, value_name = "NAME", requires = "joints")]
+    joints_of: Option<String>,
     /// Moves per second.
     #[arg(long, value_name = "HERTZ", default_value = "100", value_parser = rate)]
     rate: Rate,
@@ -73,7 +80,15 @@ impl Replay {
         if self.to.is_some_and(|to| to <= self.from) {
             return Err(Error::Usage("--to must be after --from".to_owned()));
         }
-        let recorded = file::read(&self.file, self.topic.as_deref(), self.readings)?;
+        let joints = self.joints.as_deref();
+        let joints = joints.map(|path| joints_file::read_arm(path, self.joints_of.as_deref()));
+        let joints = joints.transpose()?;
+        let wanted = Wanted {
+            topic: self.topic.as_deref(),
+            are_readings: self.readings,
+            joints: joints.as_ref(),
+        };
+        let recorded = file::read(&self.file, &wanted)?;
         for warning in &recorded.warnings {
             print_error(&format_args!("{}: {warning}", self.file.display()));
         }

@@ -189,6 +189,120 @@ fn joint_states_of_others_are_replayed() {
     assert!(joints.ends_with("gripper: 40.0 % open, status: locked\n"), "{joints}");
 }
 
+/// A file of joints of this repository.
+fn shipped(name: &str) -> String {
+    format!("{}/../examples/joints/{name}", env!("CARGO_MANIFEST_DIR"))
+}
+
+/// The names in the vendor's model.
+const MODEL: [&str; 7] = ["Joint1", "Joint2", "Joint3", "Joint4", "Joint5", "Joint6", "Gripper"];
+
+#[test]
+fn joint_states_of_the_vendors_model_are_replayed() {
+    // The finger closes from 0 to -0.025 m in the model, and to 0.025 m on the topic of its driver.
+    for (file, finger) in [("alicia-d-moveit.toml", -0.01), ("alicia-d-driver.toml", 0.01)] {
+        let poses: Vec<_> = (0..=10)
+            .map(|n| {
+                let angle = 0.01 * f64::from(n);
+                (n * 50, [angle, angle, angle, angle, angle, angle, finger])
+            })
+            .collect();
+        let recording = Recording::joint_states(&MODEL, &poses);
+        let arm = Arm::start("ling", "replay-model", &["--plant", "ideal"]);
+        let output = recording.replay(&[&arm.port, "--joints", &shipped(file)]);
+        assert!(output.status.success(), "{output:?}");
+        assert_joints_near(&arm, 5.73, 0.05);
+        // 10 mm of each of the two fingers are missing of 50 mm.
+        let joints = success(&["call", "ling", &arm.port, "read-joints"]);
+        assert!(joints.ends_with("gripper: 60.0 % open, status: locked\n"), "{joints}");
+    }
+}
+
+#[test]
+fn file_of_joints_turns_and_shifts_a_recording() {
+    let path = free_path("joints.toml");
+    let file = "[one]\n[two.joints]\njoint2 = { name = \"elbow\", factor = -57.29577951308232, offset = 90 }\n";
+    fs::write(&path, file).unwrap();
+    let names = ["elbow", "joint1", "joint3", "joint4", "joint5", "joint6"];
+    let poses = [
+        (0, [90.0, 0.0, 0.0, 0.0, 0.0, 0.0]),
+        (400, [80.0, 0.1, 0.0, 0.0, 0.0, 0.0]),
+    ];
+    let arm = Arm::start("ling", "replay-turned", &["--plant", "ideal"]);
+    let joints = ["--joints", path.to_str().unwrap(), "--joints-of", "two"];
+    let output = Recording::joint_states(&names, &poses).replay(&[&[&*arm.port], &joints[..]].concat());
+    assert!(output.status.success(), "{output:?}");
+    let angles = angles(&arm.port);
+    // 10° less of the elbow are 10° more of joint 2.
+    assert!(
+        (angles[0] - 5.73).abs() < 0.05 && (angles[1] - 10.0).abs() < 0.05,
+        "{angles:?}"
+    );
+    fs::remove_file(path).unwrap();
+}
+
+#[test]
+fn recordings_that_the_joints_do_not_fit_are_refused() {
+    let path = free_path("limits.toml");
+    fs::write(&path, "[arm.joints]\njoint2 = { name = \"b\", min = -1, max = 0.5 }\n").unwrap();
+    let limits = path.to_str().unwrap();
+    let model = shipped("alicia-d-moveit.toml");
+    let still = |names: &[&str], at: f64| Recording::joint_states(names, &[(0, vec![at; names.len()])]);
+    for (recording, joints, reason) in [
+        (
+            still(&NAMES, 0.0),
+            &*model,
+            "the joint 'joint1' is none of Joint1, Joint2, Joint3, Joint4, Joint5, Joint6, Gripper (--joints)",
+        ),
+        (still(&MODEL[1..], 0.0), &*model, "Joint1 is missing"),
+        (
+            still(&["joint1", "b", "joint3", "joint4", "joint5", "joint6"], 0.6),
+            limits,
+            "b is at 0.5998 at 0.00 s, and its limits are -1.0000 to 0.5000 (--joints)",
+        ),
+        (Recording::of_a_grip(), limits, ""),
+    ] {
+        let output = run(&["replay", recording.path(), "/dev/absent", "--joints", joints]);
+        let line = failure(&output);
+        match reason {
+            // Frames have no names, and this motion is within the limits.
+            "" => assert!(line.starts_with("/dev/absent: "), "{line}"),
+            reason => assert_eq!(line, format!("{}: {reason}", recording.path())),
+        }
+    }
+    fs::write(&path, "[arm.joints]\njoint2 = { max = 0.05 }\n").unwrap();
+    let recording = Recording::of_a_grip();
+    let line = failure(&run(&["replay", recording.path(), "/dev/absent", "--joints", limits]));
+    assert!(
+        line.contains("joint2 is at 0.0522 at 0.17 s, and its limits are"),
+        "{line}"
+    );
+    fs::remove_file(path).unwrap();
+}
+
+#[test]
+fn wrong_file_of_joints_is_named_with_its_place() {
+    let path = free_path("wrong.toml");
+    let file = path.to_str().unwrap();
+    for (text, reason) in [
+        (
+            "[a.joints]\njoint1 = { factor = 0 }",
+            "\"a\": joint1: factor 0 is not a finite number other than 0",
+        ),
+        ("[a.joints]\njoint1 = { factr = 1 }", "line 2: unknown field `factr`"),
+        (
+            "[a.joints]\njoint1 = { name = \"joint2\" }",
+            "\"a\": two joints have the name \"joint2\"",
+        ),
+        ("[a]\n[b]", "it has several arms, and one must be named: a, b"),
+    ] {
+        fs::write(&path, text).unwrap();
+        let line = failure(&run(&["replay", "motion.mcap", "/dev/absent", "--joints", file]));
+        assert!(line.starts_with(&format!("{file}: {reason}")), "{line}");
+    }
+    fs::remove_file(path).unwrap();
+}
+
 #[test]
 fn recorded_goals_are_replayed_with_their_grip() {
     let recording = Recording::of_a_grip();
@@ -224,9 +338,11 @@ fn unsuitable_recordings_are_refused_without_the_arm() {
             "joint1: joint angle is 3.2 rad, must be -3.1415927..=3.1400588",
         ),
         (still(&NAMES[..5]), "joint6 is missing"),
+        (still(&["joint1", "joint2", "joint1"]), "joint1 is there twice"),
         (
             still(&["joint1", "shoulder"]),
-            "the unit of 'shoulder' is not known: replayed are joint1 to joint6 in rad, and gripper in m",
+            "the unit of 'shoulder' is not known: replayed are joint1 to joint6 in rad, and gripper in m \
+             (--joints FILE names others)",
         ),
         (
             Recording::at_times(&[Some(0), Some(10), None, Some(30)]),

@@ -4,7 +4,8 @@
         print(arm.read_joints_deg())
 
 Units are in the names. `armwire.aio` has the same classes for asyncio, `armwire.sim` virtual arms, `armwire.errors` the
-exceptions, `armwire.compat` the calls of a vendor's SDK, and `armwire.plot` figures.
+exceptions, `armwire.compat` the calls of a vendor's SDK, `armwire.plot` figures, and `armwire.joints_file` the units of
+other programs.
 """
 
 from . import aio, errors

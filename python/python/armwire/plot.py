@@ -16,9 +16,12 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from . import joints_file
 from ._units import JOINTS
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from numpy.typing import ArrayLike, NDArray
@@ -27,7 +30,6 @@ if TYPE_CHECKING:
     from ._units import Floats
 
 MAGIC = b"\x89MCAP"
-NAMES = [f"joint{joint}" for joint in range(1, JOINTS + 1)]
 # Colours that stay distinct for colour-blind readers and differ in lightness.
 COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00")
 
@@ -155,14 +157,22 @@ class Motion(NamedTuple):
     """Gripper openings; NaN where the stroke was not known."""
 
 
-def read_mcap(path: str | Path, *, topic: str = "/joint_states") -> Motion:
+def read_mcap(
+    path: str | Path,
+    *,
+    topic: str = "/joint_states",
+    joints: Sequence[joints_file.Joint] = joints_file.ARM,
+) -> Motion:
     """Read the poses of a Ling arm in an MCAP file of `armwire record`, `monitor --mcap` or `teleop --mcap`.
+
+    A file of another program is read by the `joints` of a joints file.
 
     A file that ends early, of a program that was killed, is read as far as it goes.
 
     Args:
         path: The file.
         topic: The arm; `/leader/joint_states` or `/follower/joint_states` of `teleop`.
+        joints: Names and units of the joints and of the gripper, by `armwire.joints_file.read`.
 
     Raises:
         ValueError: The file is no MCAP file, is damaged, or has no such poses; the message names it.
@@ -184,12 +194,15 @@ def read_mcap(path: str | Path, *, topic: str = "/joint_states") -> Motion:
             if file.read(1):
                 raise ValueError(f"{path}: damaged: {error!r}") from error
     rows: list[list[float]] = []
+    *arm, gripper = joints
+    names = [joint.name for joint in arm]
     for state in states:
-        if len(state.name) != len(state.position) or not set(NAMES) <= set(state.name):
-            raise ValueError(f"{path}: the joints are {state.name!r}, must be joint1 to joint{JOINTS}")
+        if len(state.name) != len(state.position) or not set(names) <= set(state.name):
+            raise ValueError(f"{path}: the joints are {state.name!r}, must be {', '.join(names)}")
         position = dict(zip(state.name, state.position, strict=True))
         time_s = state.header.stamp.sec + state.header.stamp.nanosec / 1e9
-        rows.append([time_s, *(position[name] for name in NAMES), position.get("gripper", float("nan"))])
+        opening = gripper.arm(position.get(gripper.name, float("nan")))
+        rows.append([time_s, *(joint.arm(position[joint.name]) for joint in arm), opening])
     if not rows:
         others = f"; there are: {', '.join(sorted(topics))}" if topics else ""
         raise ValueError(f"{path}: no poses on {topic}{others}")
@@ -205,16 +218,18 @@ def _label_latencies(axes: Axes, title: str) -> None:
     axes.grid(alpha=0.3)
 
 
-def _drawn(path: Path, topic: str, *, are_latencies: bool) -> Figure:
-    """The figure of a file."""
+def _drawn(path: Path, topic: str, named: Sequence[joints_file.Joint] | None, *, are_latencies: bool) -> Figure:
+    """The figure of a file, with joints of a joints file."""
     with open(path, "rb") as file:
         is_recording = file.read(len(MAGIC)) == MAGIC
     if is_recording:
         if are_latencies:
             raise ValueError(f"{path}: a recording has no latencies: draw a file of `armwire monitor --csv`")
-        motion = read_mcap(path, topic=topic)
+        motion = read_mcap(path, topic=topic, joints=named or joints_file.ARM)
         gripper_mm = motion.gripper_mm if np.isfinite(motion.gripper_mm).any() else None
         return joints(motion.time_s, motion.joints_deg, gripper_mm=gripper_mm)
+    if named:
+        raise ValueError(f"{path}: a file of `armwire monitor --csv` has its own units: --joints is for MCAP files")
     readings = read_csv(path)
     if are_latencies:
         return latencies(readings.latency_us[np.isfinite(readings.latency_us)], title="from request to answer")
@@ -227,10 +242,15 @@ def main() -> None:
     arguments.add_argument("file", type=Path, help="an MCAP file of `armwire record`, or a file of `monitor --csv`")
     arguments.add_argument("--save", type=Path, required=True, help="the figure, such as motion.png or motion.svg")
     arguments.add_argument("--topic", default="/joint_states", help="the arm in an MCAP file (default: %(default)s)")
+    arguments.add_argument("--joints", type=Path, metavar="FILE", help="a file with the names and units of the joints")
+    arguments.add_argument("--joints-of", metavar="NAME", help="the arm in that file, if it has several")
     arguments.add_argument("--latencies", action="store_true", help="draw the latencies instead of the joints")
     parsed = arguments.parse_args()
+    if parsed.joints_of and not parsed.joints:
+        arguments.error("--joints-of needs --joints")
     try:
-        _drawn(parsed.file, parsed.topic, are_latencies=parsed.latencies).savefig(parsed.save, dpi=150)
+        named = joints_file.read(parsed.joints, arm=parsed.joints_of) if parsed.joints else None
+        _drawn(parsed.file, parsed.topic, named, are_latencies=parsed.latencies).savefig(parsed.save, dpi=150)
     except (OSError, ValueError) as error:
         sys.exit(str(error))
     except ImportError as error:
