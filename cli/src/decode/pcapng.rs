@@ -31,18 +31,14 @@ const PACKET_FLAGS: u16 = 2;
 /// The resolution of times: 10⁻⁹ s.
 const NANOSECONDS: u8 = 9;
 
-/// LINKTYPE_USER0, the first of the link types for private use.
-const LINKTYPE_USER0: u16 = 147;
-
-/// The link type of a protocol.
-fn link_type(protocol: Protocol) -> u16 {
-    LINKTYPE_USER0
-        + match protocol {
-            Protocol::Ling | Protocol::LingLegacy => 0,
-            Protocol::Xarm => 1,
-            Protocol::Alpha1 => 2,
-        }
-}
+/// The interface of each protocol: its link type, from LINKTYPE_USER0 on, and its name. Older files name all of them
+/// `arm`.
+pub(super) const INTERFACES: [(Protocol, u16, &str); 4] = [
+    (Protocol::Ling, 147, "ling"),
+    (Protocol::LingLegacy, 147, "ling-legacy"),
+    (Protocol::Xarm, 148, "xarm"),
+    (Protocol::Alpha1, 149, "alpha1"),
+];
 
 /// The first byte of a packet, and its direction in the packet's flags: outbound to the arm, inbound from it.
 fn direction(from: Option<Speaker>) -> (u8, u32) {
@@ -116,8 +112,8 @@ impl Output for Packets {
 
 /// The blocks of a pcapng file.
 struct Blocks {
-    /// The link types of the interfaces.
-    interfaces: Vec<u16>,
+    /// The protocols of the interfaces.
+    interfaces: Vec<Protocol>,
     /// The block that is being made.
     block: Vec<u8>,
     /// Whole blocks, until they are written.
@@ -139,7 +135,7 @@ impl Blocks {
     }
 
     fn packet(&mut self, OnLine { protocol, from, nanos }: OnLine, bytes: &[u8]) {
-        let interface = self.interface(link_type(protocol));
+        let interface = self.interface(protocol);
         let (direction, flags) = direction(from);
         let len = 1 + bytes.len() as u32;
         for word in [interface, (nanos >> 32) as u32, nanos as u32, len, len] {
@@ -153,21 +149,23 @@ impl Blocks {
         self.end_block(ENHANCED_PACKET);
     }
 
-    /// The number of the interface with this link type, which is described before its first packet.
-    fn interface(&mut self, link_type: u16) -> u32 {
-        let known = self.interfaces.iter().position(|&there| there == link_type);
-        let number = known.unwrap_or(self.interfaces.len()) as u32;
-        if known.is_none() {
-            self.interfaces.push(link_type);
+    /// The number of the interface of this protocol, which is described before its first packet.
+    fn interface(&mut self, protocol: Protocol) -> u32 {
+        if let Some(number) = self.interfaces.iter().position(|there| *there == protocol) {
+            return number as u32;
+        }
+        let described = INTERFACES.iter().filter(|(there, ..)| *there == protocol);
+        for (_, link_type, name) in described {
             self.block.extend(link_type.to_le_bytes());
             // Reserved, and no limit to the length of packets.
             self.block.extend([0; 6]);
-            self.option(INTERFACE_NAME, b"arm");
+            self.option(INTERFACE_NAME, name.as_bytes());
             self.option(INTERFACE_RESOLUTION, &[NANOSECONDS]);
             self.end_options();
             self.end_block(INTERFACE_DESCRIPTION);
         }
-        number
+        self.interfaces.push(protocol);
+        self.interfaces.len() as u32 - 1
     }
 
     fn option(&mut self, code: u16, value: &[u8]) {
@@ -205,8 +203,8 @@ mod tests {
 
     use super::*;
 
-    /// A packet as the tests read it: link type, flags, time in ns, data.
-    type Packet = (u16, u32, u64, Vec<u8>);
+    /// A packet as the tests read it: link type and name of its interface, flags, time in ns, data.
+    type Packet = ((u16, String), u32, u64, Vec<u8>);
 
     fn word(bytes: &[u8], at: usize) -> u32 {
         u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap())
@@ -222,11 +220,12 @@ mod tests {
             match word(file, 0) {
                 SECTION_HEADER => assert_eq!(body, b"\x4D\x3C\x2B\x1A\x01\0\0\0\xFF\xFF\xFF\xFF\xFF\xFF\xFF\xFF"),
                 INTERFACE_DESCRIPTION => {
-                    assert_eq!(
-                        &body[2..],
-                        b"\0\0\0\0\0\0\x02\0\x03\0arm\0\x09\0\x01\0\x09\0\0\0\0\0\0\0"
-                    );
-                    interfaces.push(u16::from_le_bytes([body[0], body[1]]));
+                    let name_len = usize::from(body[10]);
+                    let (name, rest) = body[12..].split_at(name_len.next_multiple_of(4));
+                    assert_eq!((&body[2..10], body[11]), (&b"\0\0\0\0\0\0\x02\0"[..], 0));
+                    assert_eq!(rest, b"\x09\0\x01\0\x09\0\0\0\0\0\0\0");
+                    let name = String::from_utf8(name[..name_len].to_vec()).unwrap();
+                    interfaces.push((u16::from_le_bytes([body[0], body[1]]), name));
                 }
                 ENHANCED_PACKET => {
                     let data_len = word(body, 12) as usize;
@@ -234,7 +233,7 @@ mod tests {
                     let options = &body[20 + data_len.next_multiple_of(4)..];
                     assert_eq!((&options[..4], &options[8..]), (&b"\x02\0\x04\0"[..], &b"\0\0\0\0"[..]));
                     packets.push((
-                        interfaces[word(body, 0) as usize],
+                        interfaces[word(body, 0) as usize].clone(),
                         word(options, 4),
                         u64::from(word(body, 4)) << 32 | u64::from(word(body, 8)),
                         body[20..20 + data_len].to_vec(),
@@ -265,17 +264,18 @@ mod tests {
                 blocks.packet(*on_line, bytes);
             }
             let expected: Vec<Packet> = items.iter().map(|(on_line, bytes)| {
-                let link_type = match on_line.protocol {
-                    Protocol::Ling | Protocol::LingLegacy => 147,
-                    Protocol::Xarm => 148,
-                    Protocol::Alpha1 => 149,
+                let (link_type, name) = match on_line.protocol {
+                    Protocol::Ling => (147, "ling"),
+                    Protocol::LingLegacy => (147, "ling-legacy"),
+                    Protocol::Xarm => (148, "xarm"),
+                    Protocol::Alpha1 => (149, "alpha1"),
                 };
                 let (first, flags) = match on_line.from {
                     Some(Speaker::Host) => (0, 0b10),
                     Some(Speaker::Arm) => (1, 0b01),
                     None => (2, 0),
                 };
-                (link_type, flags, on_line.nanos, [&[first], &bytes[..]].concat())
+                ((link_type, name.to_owned()), flags, on_line.nanos, [&[first], &bytes[..]].concat())
             }).collect();
             prop_assert_eq!(read(&blocks.ended), expected);
         }

@@ -189,8 +189,8 @@ impl Interface {
     fn new(block: &InterfaceDescriptionBlock<'_>, index: usize) -> Self {
         let name = block.if_name().and_then(Result::ok).map(cut);
         Self {
+            link: Link::of(block.linktype, name.as_deref().unwrap_or_default()),
             name: name.unwrap_or_else(|| index.to_string()),
-            link: Link::of(block.linktype),
             resolution: block
                 .ts_resolution()
                 .filter(|resolution| *resolution > 0)
@@ -355,7 +355,13 @@ impl Capture {
                 self.seconds = Some(block.ts_sec);
                 let scale = if header.is_nanosecond_precision() { 1 } else { 1_000 };
                 let nanos = u64::from(block.ts_sec) * 1_000_000_000 + u64::from(block.ts_usec) * scale;
-                let unit = packet(Link::of(header.network), block.data, header.is_bigendian(), nanos, "");
+                let unit = packet(
+                    Link::of(header.network, ""),
+                    block.data,
+                    header.is_bigendian(),
+                    nanos,
+                    "",
+                );
                 Parsed::Block(bytes.len() - rest.len(), unit)
             }
             Err(error) => Parsed::failed(&error),

@@ -10,6 +10,7 @@ use crate::args::Speaker;
 use crate::decode::doubts::Doubt;
 use crate::decode::framed::Recorded;
 use crate::decode::log::{Logged, Time, frame};
+use crate::decode::pcapng::INTERFACES;
 use crate::decode::unit::{Read, Unit};
 
 /// The link type of SocketCAN, and the one of `any` interface: "Linux cooked".
@@ -54,16 +55,19 @@ pub(super) enum Link {
 }
 
 impl Link {
-    pub(super) fn of(link: Linktype) -> Self {
+    /// The contents of the packets of an interface with this name; empty if it has none.
+    pub(super) fn of(link: Linktype, name: &str) -> Self {
+        let is_type = |(_, there, _): &&(Protocol, u16, &str)| i32::from(*there) == link.0;
+        let named = INTERFACES.iter().filter(is_type).find(|(.., there)| *there == name);
+        if let Some((protocol, ..)) = named.or_else(|| INTERFACES.iter().find(is_type)) {
+            return Self::Frames(*protocol);
+        }
         match link {
             SOCKETCAN => Self::Can,
             COOKED => Self::Cooked,
             Linktype(189) => Self::Usb(usb::Form::Linux { header: 48 }),
             Linktype(220) => Self::Usb(usb::Form::Linux { header: 64 }),
             Linktype(249) => Self::Usb(usb::Form::UsbPcap),
-            Linktype(147) => Self::Frames(Protocol::Ling),
-            Linktype(148) => Self::Frames(Protocol::Xarm),
-            Linktype(149) => Self::Frames(Protocol::Alpha1),
             _ if NETWORKS.contains(&link) => Self::Network,
             _ => Self::Unknown,
         }
@@ -72,7 +76,7 @@ impl Link {
 
 /// The reason why no packet of this link type is read, with the way to read them; `None` if some are.
 pub(super) fn refusal(link: Linktype) -> Option<String> {
-    match Link::of(link) {
+    match Link::of(link, "") {
         Link::Network => Some(NO_NETWORK.to_owned()),
         Link::Unknown if link == USB_DARWIN => Some(
             "a capture of USB by macOS (link type 266), which is not read: capture it on Linux or Windows".to_owned(),

@@ -2,6 +2,8 @@
 
 use std::fs;
 
+use armwire::ling::legacy::{Firmware, JointState, Legacy, Response, SERVOS};
+use armwire::messages::Messages;
 use proptest::collection::vec;
 use proptest::prelude::*;
 
@@ -367,6 +369,21 @@ fn written_packets_are_read_back() {
     let stop = [0xF2, 0x2F, 0xAA, 0xED];
     let (lines, _) = decoded(&written(&stop, ArmKind::Alpha1, Some(Speaker::Arm)));
     assert_eq!(lines.last().unwrap(), "frames: 1, noise bytes: 0");
+}
+
+#[test]
+fn older_generation_is_read_back() {
+    let state = JointState {
+        firmware: Firmware::V6_0,
+        servos: [2048; SERVOS],
+    };
+    let mut frame = [0; 64];
+    let len = Legacy
+        .encode_response(&Response::Joints(state), None, &mut frame)
+        .unwrap();
+    let (lines, error) = decoded(&written(&frame[..len].repeat(3), ArmKind::LingLegacy, None));
+    assert_eq!(error, None);
+    assert_eq!(lines.last().unwrap(), "frames: 3, noise bytes: 0", "{lines:?}");
 }
 
 proptest! {
