@@ -17,29 +17,32 @@ const HEADINGS: [(&str, Option<&str>); 8] = [
     ("previous", Some("log")),
     ("//", None),
 ];
-/// First words of other events behind their time, in lower case: of the measurement, of variables, and of other buses. A
-/// colon belongs to the word.
-const EVENTS: [&str; 17] = [
-    "start",
-    "log",
-    "triggerevent:",
-    "comment:",
-    "sv:",
-    "tfs:",
-    "gmgroup:",
-    "gps-device:",
-    "can",
-    "j1939tp",
-    "li",
-    "l1",
-    "l2",
-    "fr",
-    "eth",
-    "afdx",
-    "a429",
+/// First words of other events behind their time, in lower case, with the one behind it if it has to be there. A colon
+/// belongs to the word.
+///
+/// The first rows are those of Vector's *CAN, Log & Trigger ASC Logging Format Specification*, version 1.4.6, 3.5 to
+/// 3.12, and the start of a measurement, which it does not describe. The last row is of other buses, by the types of
+/// events in Vector_ASC of T. Lorenz: LIN, FlexRay, Ethernet, AFDX.
+const EVENTS: [(&str, Option<&str>); 12] = [
+    ("start", None),
+    ("log", None),
+    ("sv:", None),
+    ("gps", Some("device:")),
+    ("gps-device:", None),
+    ("comment:", None),
+    ("tfs:", None),
+    ("can", None),
+    ("li", None),
+    ("fr", None),
+    ("eth", None),
+    ("afdx", None),
 ];
-/// The same, behind the number of a bus.
+/// Words of events behind the number of a bus, of which CAN FD has its own lines: 3.3 of the same document, and J1939.
 const BUS_EVENTS: [&str; 4] = ["statistic:", "overloadframe", "status:", "j1939tp"];
+/// A word in the line of a global marker, behind its type and colours: 3.11.
+const MARKER: &str = "GMGroup:";
+/// The mark between the parts of a signal's name: 3.8.
+const SIGNAL: &str = "::";
 /// A statistic, a variable, a transmit request, and the like.
 const EVENT: Unit<'static> = Unit::Other("other events");
 /// The flag of a `CANFD` line whose frame is an FD frame.
@@ -179,14 +182,16 @@ impl LineReader for Asc {
             (Some(bus), Some(id)) if number(bus, 10).is_some() => (bus, words.next(), id, false),
             // A variable of the environment.
             (Some(_), Some(":=")) => return Ok(EVENT),
-            (Some(first), _) if is_word_of(first, &EVENTS) => return Ok(EVENT),
+            (Some(first), second) if is_event(first, second) || has_name_of_event(line) => return Ok(EVENT),
             _ => return Err("no known event".into()),
         };
         let is_error = id.eq_ignore_ascii_case("ErrorFrame");
         // Only lines of classic error frames have no direction.
         if !direction.is_some_and(is_direction) && (is_fd || !is_error) {
             let is_request = direction.is_some_and(|word| word.eq_ignore_ascii_case("TxRq"));
-            return match is_request || !is_fd && is_word_of(id, &BUS_EVENTS) {
+            let named = if is_fd { direction.unwrap_or_default() } else { id };
+            let is_event = BUS_EVENTS.iter().any(|event| begins(named, event));
+            return match is_request || is_event || has_name_of_event(line) {
                 true => Ok(EVENT),
                 false => Err("neither received (Rx) nor sent (Tx)".into()),
             };
@@ -200,8 +205,23 @@ impl LineReader for Asc {
     }
 }
 
-fn is_word_of(word: &str, events: &[&str]) -> bool {
-    events.iter().any(|event| word.eq_ignore_ascii_case(event))
+/// Returns true for the first words of an event.
+fn is_event(first: &str, second: Option<&str>) -> bool {
+    let is_second = |next: &str| second.is_some_and(|second| second.eq_ignore_ascii_case(next));
+    let mut events = EVENTS.iter();
+    events.any(|(word, next)| first.eq_ignore_ascii_case(word) && next.is_none_or(is_second))
+}
+
+/// Returns true for a signal or a global marker, whose first words may be any.
+fn has_name_of_event(line: &str) -> bool {
+    line.split_whitespace()
+        .any(|word| word == MARKER || word.contains(SIGNAL))
+}
+
+/// Returns true if a word begins with these characters, in any case.
+fn begins(word: &str, beginning: &str) -> bool {
+    word.get(..beginning.len())
+        .is_some_and(|front| front.eq_ignore_ascii_case(beginning))
 }
 
 /// Returns true if a frame with this direction was on the bus. A transmit request (`TxRq`) was not.

@@ -408,6 +408,34 @@ End TriggerBlock
 }
 
 #[test]
+fn asc_events_of_the_specification_are_no_frames() {
+    let events = "   0.0 Start der Messung
+   0.1 log trigger event
+   0.1 log direct start (0ms)
+   0.1 CAN 1 Status:chip status error active - TxErr: 8 RxErr: 0
+   0.1 CANFD 1 Status:chip status warning level
+   0.1 CANFD 1 Statistic: D 1 R 0 XD 0 XR 0 E 0 O 0 B 1.5%
+   0.1 1 OverloadFrame
+   0.1 EnvSpeed := 12
+   0.1 SV: 2 0 1 ::Engine::Speed = 7.5
+   0.1 LIN 1 Motor::Status::Speed = 3
+   0.1 GPS device: 1 La:48.8 Lo: 9.1 Alt: 300 Sp: 0 Co: 0
+   0.1 Comment: 0 begin
+   0.1 0 ffffff 0 GMGroup: Faults GMMarker: First GMDescription: none
+   0.1 TFS: [00000003,00000000] Failed: Test module
+   0.1 Li 3C Rx 2 01 02
+";
+    let count = events.lines().count();
+    let (lines, error) = printed(format!("base hex\n{events}").as_bytes(), None, ArmKind::Ling, None);
+    assert_eq!(error, None);
+    assert_eq!(
+        *lines.last().unwrap(),
+        format!("CAN frames: 0, PDUs: 0, cyclic frames: 0, frames of others: 0, other events: {count}"),
+        "{lines:?}"
+    );
+}
+
+#[test]
 fn trc_is_read_in_every_version() {
     let sum = "CAN frames: 3, PDUs: 1, lost: 0, cyclic frames: 0, frames of others: 2, other events: 2";
     for (log, place) in [
