@@ -7,7 +7,7 @@ use super::doubts::{Doubt, Doubts, Place};
 use super::format::Format;
 use super::framed::Framed;
 use super::output::Output;
-use super::sides::{Line, Sides};
+use super::sides::{Line, Other, Sides};
 use super::sum::Part;
 use super::unit::{Read, Unit};
 use crate::args::ArmKind;
@@ -104,7 +104,12 @@ impl<'a> Account<'a> {
         let line = self.sides.finish(self.out);
         let bus = self.buses.finish(self.out);
         let frames = line.frames + bus.arm_frames + self.frames.frames;
-        let other_arm = self.sides.other_arm().or(bus.other_arm);
+        let of_bus = bus.other_arm.map(|arm| Other {
+            device: None,
+            arm,
+            from: None,
+        });
+        let others: Vec<_> = self.sides.others().chain(of_bus).collect();
         let mut parts = Vec::new();
         for (is_used, more) in [
             (line.has_bytes() || self.format.is_of_line(), line.parts()),
@@ -130,13 +135,20 @@ impl<'a> Account<'a> {
             sum.extend(self.doubts.sum());
             self.out.remark(format_args!("{}", sum.join(", ")));
         }
-        if let Some((arm, from)) = other_arm {
+        for Other { device, arm, from } in others {
             let option = arm
                 .to_possible_value()
                 .map_or(String::new(), |value| value.get_name().to_owned());
             let from = from.map_or("", |_| " --from host");
-            self.out
-                .remark(format_args!("These are frames of {}: --arm {option}{from}", arm.name()));
+            let name = arm.name();
+            match device {
+                None => self
+                    .out
+                    .remark(format_args!("These are frames of {name}: --arm {option}{from}")),
+                Some((bus, address)) => self.out.remark(format_args!(
+                    "USB device {bus}.{address} has frames of {name}: --arm {option}{from}"
+                )),
+            }
         }
         read?;
         if let Some((offset, reason)) = self.sides.broken() {

@@ -10,7 +10,7 @@ use super::log::{Logged, Time};
 use super::output::{Item, Output};
 use super::station::{Content, Entry, Kind, Station};
 use super::sum::Part;
-use crate::args::{ArmKind, Speaker};
+use crate::args::ArmKind;
 use crate::printable::{cut, escaped};
 
 /// Maximum number of buses in a log. Each has PDUs in reassembly.
@@ -38,7 +38,7 @@ pub(super) struct Counts {
     damaged: u64,
     has_adapter: bool,
     /// The arm whose frames are there in place of those of the chosen one.
-    pub(super) other_arm: Option<(ArmKind, Option<Speaker>)>,
+    pub(super) other_arm: Option<ArmKind>,
 }
 
 impl Counts {
@@ -111,7 +111,7 @@ impl Buses {
             Content::Frame(protocol) if protocol == self.protocol => self.counts.arm_frames += 1,
             Content::Frame(protocol) => {
                 self.counts.damaged += 1;
-                self.counts.other_arm = arm(protocol).map(|arm| (arm, None));
+                self.counts.other_arm = arm(protocol);
             }
             Content::Nothing if entry.is_pdu => self.counts.damaged += 1,
             Content::Control | Content::Nothing => {}

@@ -67,8 +67,9 @@ pub(super) struct Counts {
     padding: u64,
     /// Number of frames without a known message.
     pub(super) unknown: u64,
-    /// Number of bytes of USB devices without a frame.
+    /// Number of bytes of USB devices without a frame, and of their streams that break.
     others: u64,
+    pub(super) broken_streams: u64,
 }
 
 impl Counts {
@@ -94,6 +95,7 @@ impl Counts {
             padding: self.padding + other.padding,
             unknown: self.unknown + other.unknown,
             others: self.others + other.others,
+            broken_streams: self.broken_streams + other.broken_streams,
         }
     }
 
@@ -107,6 +109,7 @@ impl Counts {
             Part::some("padding bytes", self.padding),
             Part::some("frames without a message", self.unknown).flaw(),
             Part::some("bytes of other devices", self.others),
+            Part::some("broken streams", self.broken_streams).flaw(),
         ]
     }
 }

@@ -17,7 +17,7 @@ use super::servo_bus::ServoBus;
 use super::unit::{Bytes, Hint, Transfer};
 use crate::args::{ArmKind, Speaker};
 
-/// Maximum number of bytes that are kept for the case that they are frames of another arm.
+/// Maximum number of bytes of a device that are kept for the case that they are frames of another arm.
 const MAX_KEPT: usize = 4 * 1024;
 /// Maximum number of devices in a capture. Each has decoders.
 const MAX_DEVICES: usize = 64;
@@ -59,9 +59,6 @@ pub(super) struct Sides {
     /// The sender of the last bytes with a mark.
     last: Option<Speaker>,
     is_contradicted: bool,
-    /// The first bytes, and the senders of their parts by the marks, each with its length.
-    beginning: Vec<u8>,
-    senders: Vec<(Option<Speaker>, usize)>,
 }
 
 /// The streams of a device or of a line.
@@ -71,6 +68,52 @@ struct Device {
     held: Option<Held>,
     /// By endpoint and sender.
     streams: BTreeMap<(u8, Side), Box<dyn Recording>>,
+    beginning: Beginning,
+}
+
+/// The first bytes of a device.
+#[derive(Default)]
+struct Beginning {
+    bytes: Vec<u8>,
+    /// Endpoint, sender by the mark, and length of each part.
+    parts: Vec<(u8, Option<Speaker>, usize)>,
+}
+
+impl Beginning {
+    fn keep(&mut self, endpoint: u8, from: Option<Speaker>, bytes: &[u8]) {
+        let bytes = &bytes[..bytes.len().min(MAX_KEPT - self.bytes.len())];
+        self.bytes.extend(bytes);
+        match self.parts.last_mut() {
+            _ if bytes.is_empty() => {}
+            Some((there, last, len)) if (*there, *last) == (endpoint, from) => *len += bytes.len(),
+            _ => self.parts.push((endpoint, from, bytes.len())),
+        }
+    }
+
+    /// Returns true if most of the bytes are frames of this line's arm.
+    fn is_of(&self, line: Line) -> bool {
+        let mut sides = Sides::new(line);
+        let mut rest = &self.bytes[..];
+        for (endpoint, from, len) in &self.parts {
+            let (bytes, behind) = rest.split_at(*len);
+            rest = behind;
+            // One wire of the servo bus has both directions.
+            let from = from.filter(|_| line.arm != ArmKind::Alpha1Servo);
+            sides.push(None, *endpoint, from, bytes, At::OFFSET, &Nowhere);
+        }
+        let counts = sides.finish(&Nowhere);
+        let known = 2 * counts.bytes.saturating_sub(counts.noise_bytes);
+        counts.frames > counts.unknown && known > self.bytes.len() as u64
+    }
+}
+
+/// Frames of another arm than the chosen one.
+pub(super) struct Other {
+    /// `None` for a recording of one line.
+    pub(super) device: Option<(u16, u16)>,
+    pub(super) arm: ArmKind,
+    /// The sender, if it must be given.
+    pub(super) from: Option<Speaker>,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -97,8 +140,6 @@ impl Sides {
             devices: BTreeMap::new(),
             last: None,
             is_contradicted: false,
-            beginning: Vec::new(),
-            senders: Vec::new(),
         }
     }
 
@@ -113,24 +154,41 @@ impl Sides {
             return Err("more than 64 USB devices".into());
         }
         let from = self.marked(*hint);
-        self.keep(from, bytes);
-        // Marks that are wrong for all frames of one side are so for the side that begins behind them.
-        let is_turned = self.is_contradicted && transfer.is_none();
-        let turned = from.filter(|_| is_turned && matches!(self.line.arm, ArmKind::Xarm | ArmKind::Alpha1));
-        let line = Line {
-            from: self.line.from.or(turned.map(opposite)),
-            ..self.line
-        };
-        let device = self.devices.entry(device).or_insert_with(|| Device {
-            held: transfer.is_some().then(Held::default),
-            streams: BTreeMap::new(),
-        });
         let (endpoint, at) = match transfer {
             Some(Transfer {
                 endpoint, place, nanos, ..
             }) => (*endpoint, At { place, nanos: *nanos }),
             None => (0, At::OFFSET),
         };
+        self.push(device, endpoint, from, bytes, at, out);
+        if let Some(device) = self.devices.get_mut(&device) {
+            device.beginning.keep(endpoint, from, bytes);
+        }
+        Ok(())
+    }
+
+    /// Passes bytes to the decoder of their stream.
+    fn push(
+        &mut self,
+        device: Option<(u16, u16)>,
+        endpoint: u8,
+        from: Option<Speaker>,
+        bytes: &[u8],
+        at: At<'_>,
+        out: &dyn Output,
+    ) {
+        // Marks that are wrong for all frames of one side are so for the side that begins behind them.
+        let is_turned = self.is_contradicted && device.is_none();
+        let turned = from.filter(|_| is_turned && matches!(self.line.arm, ArmKind::Xarm | ArmKind::Alpha1));
+        let line = Line {
+            from: self.line.from.or(turned.map(opposite)),
+            ..self.line
+        };
+        let is_usb = device.is_some();
+        let device = self.devices.entry(device).or_insert_with(|| Device {
+            held: is_usb.then(Held::default),
+            ..Device::default()
+        });
         let stream = device.streams.entry((endpoint, Side::of(from)));
         let stream = stream.or_insert_with(|| recording(line, from));
         match &device.held {
@@ -149,7 +207,6 @@ impl Sides {
                  round, --from replaces them"
             ));
         }
-        Ok(())
     }
 
     /// The sender of bytes by their mark. The order of requests and answers tells them apart on the servo bus.
@@ -174,21 +231,11 @@ impl Sides {
         stream.is_some_and(|stream| stream.is_inside_frame())
     }
 
-    fn keep(&mut self, from: Option<Speaker>, bytes: &[u8]) {
-        let bytes = &bytes[..bytes.len().min(MAX_KEPT - self.beginning.len())];
-        self.beginning.extend(bytes);
-        match self.senders.last_mut() {
-            _ if bytes.is_empty() => {}
-            Some((last, len)) if *last == from => *len += bytes.len(),
-            _ => self.senders.push((from, bytes.len())),
-        }
-    }
-
     /// Ends the recording. Returns the counts of all streams.
     pub(super) fn finish(&mut self, out: &dyn Output) -> Counts {
         let mut sum = Counts::default();
         let is_broken = self.broken().is_some();
-        for device in self.devices.values_mut() {
+        for (name, device) in &mut self.devices {
             let mut counts = Counts::default();
             for stream in device.streams.values_mut() {
                 counts = counts.with(match &device.held {
@@ -198,6 +245,15 @@ impl Sides {
             }
             if let Some(held) = device.held.take_if(|_| counts.frames > 0) {
                 held.show(out);
+            }
+            // The break may be that of the arm, or the device is none.
+            let breaks = device.streams.values().filter_map(|stream| stream.broken());
+            for (offset, reason) in breaks.filter(|_| device.held.is_some()) {
+                let (bus, address) = name.unwrap_or_default();
+                sum.broken_streams += 1;
+                out.remark(format_args!(
+                    "broken stream: USB device {bus}.{address}, byte {offset}: {reason}"
+                ));
             }
             sum = sum.with(match device.held {
                 None => counts,
@@ -211,43 +267,27 @@ impl Sides {
         sum
     }
 
-    /// The arm, and the sender if it must be given, whose frames most of the first bytes are. `None` for the arm that
-    /// was chosen.
-    pub(super) fn other_arm(&self) -> Option<(ArmKind, Option<Speaker>)> {
-        let counts = |arm, from| {
-            let mut sides = Self::new(Line { arm, from, ..self.line });
-            let mut rest = &self.beginning[..];
-            for (marked, len) in &self.senders {
-                let (bytes, behind) = rest.split_at(*len);
-                rest = behind;
-                let hint = match marked {
-                    Some(named) => Hint::From(self.line.sender(*named)),
-                    None => Hint::None,
-                };
-                // A line is no device too many.
-                let _ = sides.take(&Bytes::of(hint, bytes), &Nowhere);
-            }
-            sides.finish(&Nowhere)
-        };
-        let kept = self.beginning.len() as u64;
-        let is_most = |counts: &Counts| {
-            counts.frames > counts.unknown && 2 * counts.bytes.saturating_sub(counts.noise_bytes) > kept
-        };
-        if is_most(&counts(self.line.arm, self.line.from)) {
-            return None;
-        }
-        let host = Some(Speaker::Host);
-        let others = [
+    /// The devices, or the line, most of whose first bytes are frames of another arm than the chosen one.
+    pub(super) fn others(&self) -> impl Iterator<Item = Other> {
+        const HOST: Option<Speaker> = Some(Speaker::Host);
+        const ARMS: [(ArmKind, Option<Speaker>); 6] = [
             (ArmKind::Ling, None),
             (ArmKind::Xarm, None),
-            (ArmKind::Xarm, host),
+            (ArmKind::Xarm, HOST),
             (ArmKind::Alpha1, None),
-            (ArmKind::Alpha1, host),
+            (ArmKind::Alpha1, HOST),
             (ArmKind::Alpha1Servo, None),
         ];
-        let is_other = |(arm, from): &(ArmKind, Option<Speaker>)| *arm != self.line.arm || from.is_some();
-        let mut others = others.into_iter().filter(is_other);
-        others.find(|(arm, from)| is_most(&counts(*arm, *from)))
+        self.devices.iter().filter_map(|(device, Device { beginning, .. })| {
+            if beginning.is_of(self.line) {
+                return None;
+            }
+            let is_other = |(arm, from): &(ArmKind, Option<Speaker>)| *arm != self.line.arm || from.is_some();
+            let mut others = ARMS.into_iter().filter(is_other);
+            let (arm, from) = others.find(|&(arm, from)| beginning.is_of(Line { arm, from, ..self.line }))?;
+            let device = *device;
+            Some(Other { device, arm, from })
+        })
     }
 
     /// Offset and reason of the break of the only stream, after which nothing can be decoded. Beside others the

@@ -213,11 +213,53 @@ fn break_of_a_stream_is_not_that_of_others() {
         lines.pop().unwrap()
     };
     let requests = [(6, request), (6, request)];
-    let sum = "bytes: 14, frames: 2, noise bytes: 0, bytes of other devices: 14";
+    let sum = "bytes: 14, frames: 2, noise bytes: 0, bytes of other devices: 14, broken streams: 1";
     assert_eq!(transfers(&[&[(5, wrong), (5, request)], &requests[..]].concat()), sum);
     let sum = "bytes: 25, frames: 3, noise bytes: 4, bytes behind a break: 10";
     let broken = [(5, request), (5, wrong), (5, request)];
     assert_eq!(transfers(&[&broken, &requests[..]].concat()), sum);
+}
+
+#[test]
+fn broken_stream_of_usb_has_its_place() {
+    let packet = Usbmon::new(b'S', 0x02, &[0, 1, 0, 9, 0, 1, 0x0D]).packet(64, false);
+    let (lines, error) = printed(&pcap(220, false, &[packet]), None, ArmKind::Xarm, None);
+    assert_eq!(error, None);
+    assert_eq!(
+        lines,
+        [
+            "broken stream: USB device 2.5, byte 0: byte 3 is 0x09, expected 0x00 or 0x01 or 0x02 or 0x03",
+            "bytes: 0, frames: 0, noise bytes: 0, bytes of other devices: 7, broken streams: 1",
+        ]
+    );
+}
+
+#[test]
+fn devices_with_another_arm_are_named() {
+    let packet = |device, endpoint, bytes: &[u8]| {
+        let event = if endpoint < 0x80 { b'S' } else { b'C' };
+        let transfer = Usbmon {
+            device,
+            ..Usbmon::new(event, endpoint, bytes)
+        };
+        transfer.packet(64, false)
+    };
+    let (request, answer) = ([0xF2, 0x2F, 0xAA, 0xED], [0xF2, 0x2F, 0, 0, 0, 0, 0, 0, 0, 0xED]);
+    // A device that is no arm has filled the first 4 KiB of the capture.
+    let mut packets: Vec<_> = (0..100).map(|_| packet(9, 0x81, &[0x55; 64])).collect();
+    packets.extend([packet(5, 0x02, &REQUEST), packet(5, 0x81, &ANSWER)]);
+    packets.extend([packet(6, 0x02, &request), packet(6, 0x81, &answer)]);
+    let capture = pcap(220, false, &packets);
+    let (lines, _) = decoded(&capture);
+    assert_eq!(
+        lines.last().unwrap(),
+        "USB device 2.6 has frames of an Alpha1: --arm alpha1"
+    );
+    let (lines, _) = printed(&capture, None, ArmKind::Alpha1, None);
+    assert_eq!(
+        lines.last().unwrap(),
+        "USB device 2.5 has frames of a Ling arm: --arm ling"
+    );
 }
 
 #[test]
