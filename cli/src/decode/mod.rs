@@ -26,6 +26,7 @@ mod station;
 mod sum;
 mod text;
 mod unit;
+mod xarm_line;
 
 #[cfg(test)]
 mod tests;
@@ -67,8 +68,9 @@ pub(crate) struct Decode {
     #[arg(long, value_enum, default_value_t)]
     arm: ArmKind,
     /// Sender of all bytes, whatever marks of direction the recording has. Without it the marks are hints, and frames
-    /// decide; Ling frames, MCAP recordings and alpha1-servo identify the sender; frames of xarm and alpha1 without a mark
-    /// are taken as the arm's. A servo's answers are shown as bytes there: their meaning depends on the request.
+    /// decide; Ling frames, MCAP recordings and alpha1-servo identify the sender; the numbers of an xarm tell answers from
+    /// requests if the first frame is a request only; other frames of xarm and alpha1 without a mark are taken as the
+    /// arm's. A servo's answers are shown as bytes there: their meaning depends on the request.
     #[arg(long, value_enum, value_name = "WHO")]
     from: Option<Speaker>,
     /// Sender of the bytes that a log calls TX, sent or written: arm if its program runs on the arm's side.

@@ -1,16 +1,18 @@
 //! The frames of a recording of bytes, and the bytes between them.
 
+use armwire::alpha1::Alpha1;
 use armwire::decoder::{Decoder, Kind, Span};
 use armwire::framing::{Framing, Reason};
 use armwire::ling::legacy::{Detector, Legacy, OlderGeneration};
 use armwire::ling::{Ling, MAX_FRAME};
 use armwire::messages::Messages;
-use armwire::xarm;
+use armwire::xarm::{self, XArm};
 use armwire_host::describe::Arm;
 
 use super::meaning::{Meaning, Sender, expected, meaning};
 use super::output::{Item, OnLine, Output};
 use super::sum::Part;
+use super::xarm_line::XArmLine;
 use crate::args::Speaker;
 
 /// Buffer size: the longest frame of every protocol fits.
@@ -37,6 +39,14 @@ pub(super) trait Recording {
 
     /// Returns true if a frame is a message of another sender than the one that a mark names.
     fn is_contradicted(&self) -> bool;
+
+    /// Returns true if all frames are taken as those of another sender than the one that a mark names.
+    fn is_turned(&self) -> bool {
+        false
+    }
+
+    /// Takes note that the other direction has its own mark.
+    fn trust_mark(&mut self);
 
     /// Offset and reason of the break of a lossless stream, after which nothing can be decoded.
     fn broken(&self) -> Option<(u64, Reason)>;
@@ -67,6 +77,8 @@ pub(super) struct Counts {
     padding: u64,
     /// Number of frames without a known message.
     pub(super) unknown: u64,
+    /// Number of frames that may be the other sender's.
+    uncertain: u64,
     /// Number of bytes of USB devices without a frame, and of their streams that break.
     others: u64,
     pub(super) broken_streams: u64,
@@ -94,6 +106,7 @@ impl Counts {
             behind_break: self.behind_break + other.behind_break,
             padding: self.padding + other.padding,
             unknown: self.unknown + other.unknown,
+            uncertain: self.uncertain + other.uncertain,
             others: self.others + other.others,
             broken_streams: self.broken_streams + other.broken_streams,
         }
@@ -108,6 +121,7 @@ impl Counts {
             Part::some("bytes behind a break", self.behind_break).flaw(),
             Part::some("padding bytes", self.padding),
             Part::some("frames without a message", self.unknown).flaw(),
+            Part::some("frames of uncertain direction", self.uncertain).flaw(),
             Part::some("bytes of other devices", self.others),
             Part::some("broken streams", self.broken_streams).flaw(),
         ]
@@ -125,6 +139,14 @@ pub(super) trait Reading {
     fn from(&self) -> Option<Speaker>;
 
     fn meaning(&mut self, frame: &[u8]) -> Meaning;
+
+    /// The number of frames so far that may be the other sender's.
+    fn uncertain(&self) -> u64 {
+        0
+    }
+
+    /// Takes note that the other direction has its own mark.
+    fn trust_mark(&mut self) {}
 }
 
 /// The bytes of one sender, or of one that the frames name.
@@ -358,6 +380,7 @@ impl<P: Arm, R: Reading<Arm = P>> Recording for Frames<P, R> {
             self.counts.bytes += rest.len() as u64;
         }
         self.counts.behind_break = self.pushed - self.counts.bytes;
+        self.counts.uncertain = self.reading.uncertain();
         self.counts
     }
 
@@ -371,6 +394,10 @@ impl<P: Arm, R: Reading<Arm = P>> Recording for Frames<P, R> {
 
     fn is_contradicted(&self) -> bool {
         self.is_contradicted
+    }
+
+    fn trust_mark(&mut self) {
+        self.reading.trust_mark();
     }
 
     fn broken(&self) -> Option<(u64, Reason)> {
@@ -390,7 +417,7 @@ pub(super) trait Trial {
     fn is_inside_frame(&self) -> bool;
 
     /// Returns true if the decision contradicts a mark.
-    fn is_contradicted(&self) -> bool {
+    fn is_turned(&self) -> bool {
         false
     }
 }
@@ -401,6 +428,8 @@ pub(super) struct Undecided<T> {
     /// The bytes before the decision, and their parts by place: its text, its time in ns, and the number of bytes.
     beginning: Vec<u8>,
     parts: Vec<(String, u64, usize)>,
+    /// The other direction has its own mark.
+    is_trusted: bool,
     frames: Option<Box<dyn Recording>>,
 }
 
@@ -410,12 +439,16 @@ impl<T: Trial> Undecided<T> {
             trial,
             beginning: Vec::new(),
             parts: Vec::new(),
+            is_trusted: false,
             frames: None,
         }
     }
 
     /// Passes the bytes so far to their decoder.
     fn begin(&mut self, mut frames: Box<dyn Recording>, out: &dyn Output) {
+        if self.is_trusted {
+            frames.trust_mark();
+        }
         let beginning = std::mem::take(&mut self.beginning);
         let mut rest = &beginning[..];
         for (place, nanos, len) in std::mem::take(&mut self.parts) {
@@ -474,7 +507,18 @@ impl<T: Trial> Recording for Undecided<T> {
     }
 
     fn is_contradicted(&self) -> bool {
-        self.trial.is_contradicted() || self.frames.as_ref().is_some_and(|frames| frames.is_contradicted())
+        self.is_turned() || self.frames.as_ref().is_some_and(|frames| frames.is_contradicted())
+    }
+
+    fn is_turned(&self) -> bool {
+        self.trial.is_turned()
+    }
+
+    fn trust_mark(&mut self) {
+        self.is_trusted = true;
+        if let Some(frames) = &mut self.frames {
+            frames.trust_mark();
+        }
     }
 
     fn broken(&self) -> Option<(u64, Reason)> {
@@ -484,23 +528,46 @@ impl<T: Trial> Recording for Undecided<T> {
 
 /// The sender of a protocol whose frames differ by it. A mark names one, and the first message decides.
 pub(super) struct OfEither<P: Arm> {
-    /// A decoder for each sender, the marked one first.
+    /// A decoder for each sender, the more likely one first.
     trials: [(Speaker, Decoder<P, BUFFER>); 2],
-    is_contradicted: bool,
+    /// The frames behind the decision.
+    frames: fn(Speaker) -> Box<dyn Recording>,
+    is_turned: bool,
+    is_marked: bool,
+}
+
+/// The frames of an xArm. Without a mark they are the arm's unless the first one is a request only.
+pub(super) fn xarm(sender: Sender) -> Box<dyn Recording> {
+    match sender {
+        Sender::Known(_) => Box::new(Frames::<XArm>::new(sender)),
+        Sender::Marked(_) | Sender::Unknown => OfEither::<XArm>::recording(sender, |speaker| match speaker {
+            Speaker::Host => Box::new(Frames::of(XArmLine::default())),
+            Speaker::Arm => Box::new(Frames::<XArm>::new(Sender::Known(speaker))),
+        }),
+    }
+}
+
+/// The frames of an Alpha1. Without a mark they are the arm's.
+pub(super) fn alpha1(sender: Sender) -> Box<dyn Recording> {
+    let known = |speaker| -> Box<dyn Recording> { Box::new(Frames::<Alpha1>::new(Sender::Known(speaker))) };
+    match sender {
+        Sender::Known(speaker) => known(speaker),
+        Sender::Unknown => known(Speaker::Arm),
+        Sender::Marked(_) => OfEither::<Alpha1>::recording(sender, known),
+    }
 }
 
 impl<P: Arm + 'static> OfEither<P> {
-    /// The frames of this sender. Without a mark they are the arm's.
-    pub(super) fn recording(sender: Sender) -> Box<dyn Recording> {
-        let trials = match sender {
-            Sender::Known(_) => return Box::new(Frames::<P>::new(sender)),
-            Sender::Unknown => return Box::new(Frames::<P>::new(Sender::Known(Speaker::Arm))),
-            Sender::Marked(Speaker::Host) => [Speaker::Host, Speaker::Arm],
-            Sender::Marked(Speaker::Arm) => [Speaker::Arm, Speaker::Host],
+    fn recording(sender: Sender, frames: fn(Speaker) -> Box<dyn Recording>) -> Box<dyn Recording> {
+        let speakers = match sender.speaker() {
+            Some(Speaker::Host) => [Speaker::Host, Speaker::Arm],
+            Some(Speaker::Arm) | None => [Speaker::Arm, Speaker::Host],
         };
         Box::new(Undecided::new(Self {
-            trials: trials.map(|speaker| (speaker, Decoder::new())),
-            is_contradicted: false,
+            trials: speakers.map(|speaker| (speaker, Decoder::new())),
+            frames,
+            is_turned: false,
+            is_marked: sender.speaker().is_some(),
         }))
     }
 }
@@ -513,21 +580,23 @@ impl<P: Arm + 'static> Trial for OfEither<P> {
             has_message(decoder, byte, &arm, expect, |frame| {
                 meaning(&arm, frame, expect, Sender::Known(*speaker)).is_message
             })
-        })?;
-        self.is_contradicted = found > 0;
-        Some(Box::new(Frames::<P>::new(Sender::Known(self.trials[found].0))))
+        });
+        let are_broken = || self.trials.iter().all(|(_, decoder)| decoder.broken().is_some());
+        let found = found.or_else(|| are_broken().then_some(0))?;
+        self.is_turned = found > 0 && self.is_marked;
+        Some((self.frames)(self.trials[found].0))
     }
 
     fn finish(&mut self, _: &dyn Output) -> Box<dyn Recording> {
-        Box::new(Frames::<P>::new(Sender::Known(self.trials[0].0)))
+        (self.frames)(self.trials[0].0)
     }
 
     fn is_inside_frame(&self) -> bool {
         !self.trials[0].1.window().is_empty()
     }
 
-    fn is_contradicted(&self) -> bool {
-        self.is_contradicted
+    fn is_turned(&self) -> bool {
+        self.is_turned
     }
 }
 

@@ -4,15 +4,13 @@ use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::fmt::Arguments;
 
-use armwire::alpha1::Alpha1;
 use armwire::framing::Reason;
 use armwire::ling::legacy::Legacy;
-use armwire::xarm::XArm;
 
 use super::doubts::Doubt;
 use super::meaning::Sender;
 use super::output::{Item, OnLine, Output};
-use super::recording::{At, Counts, Frames, Generation, OfEither, Recording};
+use super::recording::{self, At, Counts, Frames, Generation, Recording};
 use super::servo_bus::ServoBus;
 use super::unit::{Bytes, Hint, Transfer};
 use crate::args::{ArmKind, Speaker};
@@ -59,6 +57,8 @@ pub(super) struct Sides {
     /// The sender of the last bytes with a mark.
     last: Option<Speaker>,
     is_contradicted: bool,
+    /// All frames of a side are those of the other one.
+    is_turned: bool,
 }
 
 /// The streams of a device or of a line.
@@ -140,6 +140,7 @@ impl Sides {
             devices: BTreeMap::new(),
             last: None,
             is_contradicted: false,
+            is_turned: false,
         }
     }
 
@@ -178,8 +179,7 @@ impl Sides {
         out: &dyn Output,
     ) {
         // Marks that are wrong for all frames of one side are so for the side that begins behind them.
-        let is_turned = self.is_contradicted && device.is_none();
-        let turned = from.filter(|_| is_turned && matches!(self.line.arm, ArmKind::Xarm | ArmKind::Alpha1));
+        let turned = from.filter(|_| self.is_turned && device.is_none());
         let line = Line {
             from: self.line.from.or(turned.map(opposite)),
             ..self.line
@@ -189,8 +189,21 @@ impl Sides {
             held: is_usb.then(Held::default),
             ..Device::default()
         });
-        let stream = device.streams.entry((endpoint, Side::of(from)));
-        let stream = stream.or_insert_with(|| recording(line, from));
+        let side = Side::of(from);
+        if !device.streams.contains_key(&(endpoint, side)) {
+            let mut stream = decoder(line, from);
+            let others = device.streams.iter_mut();
+            for (_, other) in
+                others.filter(|((_, there), _)| from.is_some() && *there != Side::Unnamed && *there != side)
+            {
+                other.trust_mark();
+                stream.trust_mark();
+            }
+            device.streams.insert((endpoint, side), stream);
+        }
+        let Some(stream) = device.streams.get_mut(&(endpoint, side)) else {
+            return;
+        };
         match &device.held {
             None => stream.push(bytes, at, out),
             Some(held) => stream.push(bytes, at, held),
@@ -202,6 +215,7 @@ impl Sides {
         }
         if is_contradicted {
             self.is_contradicted = true;
+            self.is_turned = stream.is_turned();
             out.remark(format_args!(
                 "The marks of direction contradict the frames, which are shown by their content: --tx turns the marks \
                  round, --from replaces them"
@@ -299,7 +313,7 @@ impl Sides {
 }
 
 /// The decoder of bytes that a mark says to be those of `from`.
-fn recording(line: Line, from: Option<Speaker>) -> Box<dyn Recording> {
+fn decoder(line: Line, from: Option<Speaker>) -> Box<dyn Recording> {
     let sender = match (line.from, from) {
         (Some(from), _) => Sender::Known(from),
         (None, Some(from)) => Sender::Marked(from),
@@ -308,8 +322,8 @@ fn recording(line: Line, from: Option<Speaker>) -> Box<dyn Recording> {
     match line.arm {
         ArmKind::Ling => Generation::recording(sender),
         ArmKind::LingLegacy => Box::new(Frames::<Legacy>::new(sender)),
-        ArmKind::Xarm => OfEither::<XArm>::recording(sender),
-        ArmKind::Alpha1 => OfEither::<Alpha1>::recording(sender),
+        ArmKind::Xarm => recording::xarm(sender),
+        ArmKind::Alpha1 => recording::alpha1(sender),
         ArmKind::Alpha1Servo => Box::new(Frames::of(ServoBus::default())),
     }
 }

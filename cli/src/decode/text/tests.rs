@@ -986,6 +986,75 @@ fn both_sides_turn_if_one_is_contradicted() {
     }
 }
 
+/// The directions of an xArm's frames in a text, and the sum.
+fn directions(text: &str, from: Option<Speaker>) -> (String, String) {
+    let (lines, error) = printed(text.as_bytes(), None, ArmKind::Xarm, from);
+    assert_eq!(error, None);
+    let direction = |line: &String| match line.split_once("\n          ")?.1 {
+        text if text.starts_with("to the arm") => Some('>'),
+        text if text.starts_with("from the arm") => Some('<'),
+        _ => Some('?'),
+    };
+    (
+        lines.iter().filter_map(direction).collect(),
+        lines.last().unwrap().clone(),
+    )
+}
+
+/// Reading and setting a state, motion, and a version, with their answers.
+const BOTH_WAYS: [&str; 8] = [
+    "00 01 00 02 00 01 01",
+    "00 01 00 02 00 08 01 00 36 2C 36 2C 58 00",
+    "00 02 00 02 00 03 0B 08 01",
+    "00 02 00 02 00 02 0B 10",
+    "00 03 00 02 00 02 0C 00",
+    "00 03 00 02 00 02 0C 00",
+    "00 04 00 02 00 01 0D",
+    "00 04 00 02 00 03 0D 00 02",
+];
+
+#[test]
+fn answers_of_an_xarm_are_told_by_their_numbers() {
+    for mark in ["TX: ", "RX: ", ""] {
+        let text: String = BOTH_WAYS.iter().map(|frame| format!("{mark}{frame}\n")).collect();
+        let (directions, sum) = directions(&text, None);
+        assert_eq!(directions, "><><><><", "{mark}");
+        assert_eq!(sum, "bytes: 70, frames: 8, noise bytes: 0", "{mark}");
+    }
+    let text: String = BOTH_WAYS.iter().map(|frame| format!("TX: {frame}\n")).collect();
+    assert_eq!(directions(&text, Some(Speaker::Host)).0, ">?>>>>>>");
+}
+
+#[test]
+fn frame_that_may_be_either_senders_is_counted() {
+    let text: String = BOTH_WAYS[4..].iter().map(|frame| format!("TX: {frame}\n")).collect();
+    let (shown, sum) = directions(&text, None);
+    assert_eq!(shown, ">>><");
+    assert_eq!(
+        sum,
+        "bytes: 32, frames: 4, noise bytes: 0, frames of uncertain direction: 1"
+    );
+    // An answer whose request is missing.
+    let frames = [&BOTH_WAYS[3..4], &BOTH_WAYS[6..]].concat();
+    let text: String = frames.iter().map(|frame| format!("TX: {frame}\n")).collect();
+    let (shown, sum) = directions(&text, None);
+    assert_eq!(shown, ">><");
+    assert!(sum.ends_with(", frames of uncertain direction: 1"), "{sum}");
+}
+
+#[test]
+fn requests_with_one_number_are_no_answers() {
+    let requests = "TX: 00 01 00 02 00 03 0B 08 01\nTX: 00 01 00 02 00 03 0B 08 00\n";
+    // The other direction has its own mark.
+    let answers = "RX: 00 01 00 02 00 02 0B 00\n";
+    let (shown, sum) = directions(&format!("{answers}{}", requests.repeat(3)), None);
+    assert_eq!(shown, "<>>>>>>");
+    assert_eq!(sum, "bytes: 62, frames: 7, noise bytes: 0");
+    // Without one nothing tells.
+    let (_, sum) = directions(&requests.repeat(3), None);
+    assert!(sum.contains(", frames of uncertain direction: "), "{sum}");
+}
+
 #[test]
 fn marks_that_the_frames_confirm_are_believed() {
     for (arm, text) in [
