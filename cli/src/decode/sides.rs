@@ -148,19 +148,24 @@ impl Sides {
     /// understood.
     pub(super) fn take(&mut self, bytes: &Bytes<'_>, out: &dyn Output) -> Result<(), Doubt> {
         let Bytes {
-            hint, bytes, transfer, ..
+            hint,
+            bytes,
+            nanos,
+            transfer,
+            ..
         } = bytes;
+        let nanos = *nanos;
         let device = transfer.as_ref().map(|transfer| transfer.device);
         if self.devices.len() >= MAX_DEVICES && !self.devices.contains_key(&device) {
             return Err("more than 64 USB devices".into());
         }
         let from = self.marked(*hint);
-        let (endpoint, at) = match transfer {
-            Some(Transfer {
-                endpoint, place, nanos, ..
-            }) => (*endpoint, At { place, nanos: *nanos }),
-            None => (0, At::OFFSET),
+        let (endpoint, place) = match transfer {
+            Some(Transfer { endpoint, place, .. }) => (*endpoint, &place[..]),
+            // The offset in the stream.
+            None => (0, ""),
         };
+        let at = At { place, nanos };
         self.push(device, endpoint, from, bytes, at, out);
         if let Some(device) = self.devices.get_mut(&device) {
             device.beginning.keep(endpoint, from, bytes);

@@ -45,6 +45,8 @@ pub(super) type Take<'a> = dyn FnMut(Place<'_>, Read<'_>) + 'a;
 pub(super) struct Bytes<'a> {
     pub(super) hint: Hint,
     pub(super) bytes: Cow<'a, [u8]>,
+    /// Time in ns; 0 if the recording has no times.
+    pub(super) nanos: u64,
     /// The transfer that had them; `None` for a recording of one line.
     pub(super) transfer: Option<Transfer>,
     /// The reason why bytes before these are missing.
@@ -61,6 +63,7 @@ impl<'a> Bytes<'a> {
         Self {
             hint,
             bytes: bytes.into(),
+            nanos: 0,
             transfer: None,
             gap: None,
         }
@@ -91,6 +94,4 @@ pub(super) struct Transfer {
     pub(super) endpoint: u8,
     /// Time and endpoint, as they are printed.
     pub(super) place: String,
-    /// Time in ns.
-    pub(super) nanos: u64,
 }

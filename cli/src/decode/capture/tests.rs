@@ -414,6 +414,24 @@ fn written_packets_are_read_back() {
 }
 
 #[test]
+fn times_of_a_text_are_those_of_its_packets() {
+    let log = "2024-06-12 12:00:00.250 TX: AA 06 00 01\n2024-06-12 12:00:00.251 TX: FE 9A FF\n\
+               2024-06-12 12:00:00.260 RX:\n  AA 04 0E 01 01 96 FF\n";
+    let (lines, error) = decoded(&written(log.as_bytes(), ArmKind::Ling, None));
+    assert_eq!(error, None);
+    for (line, place) in lines
+        .iter()
+        .zip(["1718193600.251000000  to arm", "1718193600.260000000  from arm"])
+    {
+        assert!(line.starts_with(place), "{lines:?}");
+    }
+    let table = "Time [s],Value,Parity Error,Framing Error\n0.5,0xAA,,\n0.6,0x06,,\n0.7,0x00,,\n0.8,0x01,,\n\
+                 0.9,0xFE,,\n1.0,0x9A,,\n1.000000001,0xFF,,\n";
+    let (lines, _) = decoded(&written(table.as_bytes(), ArmKind::Ling, None));
+    assert!(lines[0].starts_with("1.000000001  to arm"), "{lines:?}");
+}
+
+#[test]
 fn older_generation_is_read_back() {
     let state = JointState {
         firmware: Firmware::V6_0,

@@ -76,11 +76,11 @@ pub(super) fn packet(form: Form, packet: &[u8], is_big_endian: bool, nanos: u64)
     Ok(Unit::Bytes(Bytes {
         hint: Hint::From(from),
         bytes: Cow::Borrowed(bytes),
+        nanos,
         transfer: Some(Transfer {
             device,
             endpoint,
             place,
-            nanos,
         }),
         gap: None,
     }))

@@ -65,9 +65,10 @@ pub(super) fn direction(tokens: &[Token<'_>], end: usize) -> Option<(usize, Spea
     })
 }
 
-/// The direction of a word, or of its last part: `arm.tx`.
+/// The direction of a word, or of its last part: `arm.tx`, and `rx-data` of sigrok.
 fn named(word: &str, has_colon: bool) -> Option<Speaker> {
     let last = word.rsplit(['.', '/', '_']).next()?;
+    let last = last.strip_suffix("-data").unwrap_or(last);
     let mut directions = DIRECTIONS.iter();
     let is_name =
         |(name, _, needs_colon): &&(&str, _, _)| last.eq_ignore_ascii_case(name) && (has_colon || !needs_colon);

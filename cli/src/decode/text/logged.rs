@@ -5,7 +5,7 @@ use std::borrow::Cow;
 use super::direction::direction;
 use super::run::Found;
 use super::token::{Token, tokens};
-use super::{list, literal, run, table, time};
+use super::{list, literal, run, stamp, table, time};
 use crate::args::Speaker;
 use crate::decode::doubts::Doubt;
 use crate::decode::lines::LineReader;
@@ -23,6 +23,8 @@ pub(in super::super) struct Log {
     /// The column of bytes of a table.
     table: Option<table::Column>,
     habits: run::Habits,
+    /// The time of the last line that has one, in ns.
+    nanos: u64,
     /// The sender and the indentation of the line before, if it has bytes with a direction.
     before: Option<(Speaker, usize)>,
 }
@@ -36,6 +38,9 @@ impl Log {
     /// Takes the next line. Returns its bytes, if there are any. The error is the reason why they are not known.
     pub(in super::super) fn find(&mut self, line: &str) -> Result<Option<Found>, Doubt> {
         let line = with_plain_dashes(without_escapes(line));
+        if let Some(nanos) = stamp::of_line(&line) {
+            self.nanos = nanos;
+        }
         let line = time::behind_times(&line).unwrap_or(&line);
         if line.trim().is_empty() {
             return Ok(None);
@@ -50,13 +55,17 @@ impl Log {
         if let Some(column) = table::Column::of(line) {
             self.table = Some(column);
             return Ok(None);
-        } else if let Some(byte) = self.table.as_ref().and_then(|column| column.byte(line)) {
-            let from = direction(&tokens(line), usize::MAX).map(|(_, from)| from);
-            return Ok(Some(Found::new(from, vec![byte])));
+        }
+        if let Some(column) = self.table.as_ref().filter(|column| column.is_row(line)) {
+            self.nanos = column.nanos(line).unwrap_or(self.nanos);
+            if let Some(byte) = column.byte(line) {
+                let from = direction(&tokens(line), usize::MAX).map(|(_, from)| from);
+                return Ok(Some(Found::new(from, vec![byte])));
+            }
         }
         let mut found = self.find_in_line(line)?;
         if let (None, Some(column)) = (&found, &self.table)
-            && column.is_row(line)
+            && column.has_columns(line)
         {
             return Err("no byte in the column of bytes".into());
         }
@@ -129,7 +138,10 @@ impl LineReader for Log {
                 from.into()
             }
         };
-        Ok(Unit::Bytes(Bytes::of(hint, found.bytes)))
+        Ok(Unit::Bytes(Bytes {
+            nanos: self.nanos,
+            ..Bytes::of(hint, found.bytes)
+        }))
     }
 }
 

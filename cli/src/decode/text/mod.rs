@@ -8,6 +8,7 @@ mod list;
 mod literal;
 pub(super) mod logged;
 mod run;
+mod stamp;
 mod table;
 #[cfg(test)]
 mod tests;

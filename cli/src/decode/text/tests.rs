@@ -1130,6 +1130,69 @@ fn wrong_arm_is_named_behind_the_sum() {
 }
 
 #[test]
+fn tables_of_analysers_are_read() {
+    type Cell = fn(u8) -> String;
+    let hex: Cell = |byte| format!("0x{byte:02X}");
+    for (names, front, cell, back) in [
+        ("Time [s],Value,Parity Error,Framing Error", "0.1,", hex, ",,"),
+        (
+            "Time [s],Value,Parity Error,Framing Error",
+            "0.1,",
+            |byte| byte.to_string(),
+            ",,",
+        ),
+        (
+            "Time [s],Value,Parity Error,Framing Error",
+            "0.1,",
+            |byte| format!("0b{:04b} {:04b}", byte >> 4, byte & 15),
+            ",,",
+        ),
+        ("Time [s];Value;Parity Error;Framing Error", "0.1;", hex, ";;"),
+        (
+            "Time [s],Analyzer Name,Decoded Protocol Result",
+            "0.1,Async Serial,",
+            hex,
+            "",
+        ),
+        (
+            "name,type,start_time,duration,data,error",
+            "\"Async Serial\",\"data\",0.1,8.6e-05,",
+            hex,
+            ",",
+        ),
+        (
+            "Id;Time[ns];0:UART: RX/TX;",
+            "3;100.00;",
+            |byte| format!("{byte:02X}"),
+            ";",
+        ),
+    ] {
+        let row = |byte: &u8| format!("{front}{}{back}\n", cell(*byte));
+        let rows: String = two_frames().iter().map(row).collect();
+        let (sum, lines) = sum(&format!("{names}\n{rows}"), None);
+        assert_eq!(
+            sum, "bytes: 14, frames: 2, noise bytes: 0, lines without bytes: 1",
+            "{names}: {lines:?}"
+        );
+    }
+    let rows: String = two_frames()
+        .iter()
+        .map(|byte| format!("0-90 uart-1: rx-data: {byte:02X}\n"))
+        .collect();
+    assert_eq!(sum(&rows, None).0, "bytes: 14, frames: 2, noise bytes: 0");
+}
+
+#[test]
+fn row_of_a_table_with_other_columns_is_counted() {
+    let text = "Time [s],Value,Parity Error,Framing Error\n0.1,0xAA,,\n0.2,06\n";
+    let (sum, lines) = sum(text, None);
+    assert!(
+        sum.ends_with("not understood: 1 (no byte in the column of bytes: 1)"),
+        "{sum} {lines:?}"
+    );
+}
+
+#[test]
 fn row_of_a_table_without_its_byte_is_counted() {
     let text = "Time [s],Value,Parity Error,Framing Error\n0.1,0xAA,,\n0.2,A,,\n0.3,\\r,,\n0.4,0x06,,\n";
     let (sum, lines) = sum(text, None);

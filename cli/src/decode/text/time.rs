@@ -39,20 +39,27 @@ pub(super) fn is_time(word: &str) -> bool {
     is_clock(word) || is_date(word) || both.is_some_and(|(date, clock)| is_date(date) && is_clock(clock))
 }
 
-/// Returns true for `12:34`, `12:34:56`, and a fraction of a second behind it, such as `12:34:56.789Z`.
 fn is_clock(word: &str) -> bool {
+    clock(word).is_some()
+}
+
+/// The ns since midnight of `12:34` and `12:34:56`, and of a fraction of a second behind it, such as `12:34:56.789Z`.
+pub(super) fn clock(word: &str) -> Option<u64> {
     let word = word.trim_end_matches(['Z', ',']);
     let mut parts = word.splitn(3, ':');
-    let (hour, minute) = (number(parts.next(), 1..=2), number(parts.next(), 2..=2));
+    let (hour, minute) = (number(parts.next(), 1..=2)?, number(parts.next(), 2..=2)?);
     let mut seconds = parts.next().unwrap_or("00").splitn(2, [':', '.', ',']);
-    let second = number(seconds.next(), 2..=2);
-    let fraction = seconds.next().map_or(Some(0), |fraction| number(Some(fraction), 1..=9));
-    let is_below = |part: Option<u32>, end| part.is_some_and(|part| part < end);
-    is_below(hour, 24) && is_below(minute, 60) && is_below(second, 61) && fraction.is_some()
+    let second = number(seconds.next(), 2..=2)?;
+    let nanos = match seconds.next() {
+        Some(fraction) => u64::from(number(Some(fraction), 1..=9)?) * 10_u64.pow(9 - fraction.len() as u32),
+        None => 0,
+    };
+    let seconds = u64::from((60 * hour + minute) * 60 + second);
+    (hour < 24 && minute < 60 && second < 61).then_some(seconds * 1_000_000_000 + nanos)
 }
 
 /// Returns true for `2024-01-31`, `24-01-31`, `31-01-2024` and the like, with dashes, dots or slashes.
-fn is_date(word: &str) -> bool {
+pub(super) fn is_date(word: &str) -> bool {
     const YEARS: std::ops::Range<u32> = 1970..2100;
     ['-', '/', '.'].into_iter().any(|mark| {
         let parts: Vec<_> = word.split(mark).collect();
