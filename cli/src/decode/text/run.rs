@@ -286,7 +286,10 @@ fn decimals(tokens: &[Token<'_>], habits: &mut Habits) -> Result<Option<Found>, 
     let Some(words) = numbers_behind(&tokens[at + 1..]) else {
         return Ok(None);
     };
-    let bytes: Option<Vec<u8>> = words.iter().map(|word| decimal(word)).collect();
+    // Some programs write three digits of each.
+    let are_padded = words.iter().all(|word| word.len() == 3 && is_decimal(word));
+    let byte = |word: &&str| if are_padded { word.parse().ok() } else { decimal(word) };
+    let bytes: Option<Vec<u8>> = words.iter().map(byte).collect();
     let is_decimal = habits.has_decimals || words.iter().any(|word| word.len() == 3);
     let Some(bytes) = bytes.filter(|bytes| is_decimal && !bytes.is_empty()) else {
         return Ok(None);
@@ -300,12 +303,14 @@ fn decimals(tokens: &[Token<'_>], habits: &mut Habits) -> Result<Option<Found>, 
     Ok(Some(Found::new(Some(from), bytes)))
 }
 
-/// The words behind a direction, if only commas are between them.
+/// The words behind a direction, if only commas or angle brackets are between them.
 fn numbers_behind<'a>(tokens: &[Token<'a>]) -> Option<Vec<&'a str>> {
-    let start = tokens
-        .iter()
-        .position(|token| !is_between(std::slice::from_ref(token)))?;
-    let words = tokens[start..].iter().filter(|token| !matches!(token, Token::Comma));
+    let is_before = |token: &Token<'_>| {
+        matches!(token, Token::Mark(_) | Token::Arrow(_)) || is_between(std::slice::from_ref(token))
+    };
+    let start = tokens.iter().position(|token| !is_before(token))?;
+    let is_separator = |token: &&Token<'_>| matches!(token, Token::Comma | Token::Mark('<' | '>'));
+    let words = tokens[start..].iter().filter(|token| !is_separator(token));
     words
         .map(|token| match token {
             Token::Word(word) => Some(word.text),
@@ -368,11 +373,22 @@ pub(super) fn find(line: &str, tokens: &[Token<'_>], habits: &mut Habits) -> Res
             break;
         }
     }
-    let Some(run) = found else { return Ok(None) };
+    let Some(run) = found else { return none(tokens) };
     habits.has_short_bytes |= run.has_short_bytes();
     let is_alone = run.at == 0;
     let bytes = run.bytes();
     Ok(Some(Found { from, bytes, is_alone }))
+}
+
+/// The result for a line without bytes, unless it is a byte that other lines of its kind may go on.
+fn none(tokens: &[Token<'_>]) -> Result<Option<Found>, Doubt> {
+    match tokens {
+        [Token::Word(word)] if word.text.len() == 2 && !is_decimal(word.text) && bytes_of(word.text).is_some() => {
+            let text = format!("'{}' may be a byte, or a word", cut(word.text));
+            Err(Doubt::new("ambiguous bytes", text))
+        }
+        _ => Ok(None),
+    }
 }
 
 /// Returns true for a run that may be a frame before another one, and is no offset, heading, address or time.

@@ -707,6 +707,19 @@ fn forms_of_programs_are_read() {
             "offsets of two digits",
         ),
         (
+            "Jun 12 14:22:00 host arm[123]: TX AA 06 00 01 FE 9A FF\nJun  2 14:22:01 AA 04 0E 01 01 96 FF\n",
+            "syslog",
+        ),
+        (
+            "Wed Jun 12 14:22:00 2024 AA 06 00 01 FE 9A FF\nWed Jun 12 14:22:01 2024 RX: AA 04 0E 01 01 96 FF\n",
+            "asctime",
+        ),
+        (
+            "12/06/2024 14:22:00.123 [TX] - 170 006 000 001 254 154 255 \n\
+             12/06/2024 14:22:00.130 [RX] - <170><004><014><001><001><150><255>\n",
+            "Docklight in decimal",
+        ),
+        (
             "12.06.2024 14:22:00 AA 06 00 01 FE 9A FF\n12.06.2024 14:22:01 AA 04 0E 01 01 96 FF\n",
             "date and time",
         ),
@@ -769,6 +782,9 @@ fn forms_of_programs_are_read() {
             "PulseView"
             | "strace"
             | "decimal numbers behind a direction"
+            | "Docklight in decimal"
+            | "syslog"
+            | "asctime"
             | "a letter"
             | "SSCOM"
             | "Device Monitoring Studio" => {}
@@ -1180,6 +1196,15 @@ fn tables_of_analysers_are_read() {
         .map(|byte| format!("0-90 uart-1: rx-data: {byte:02X}\n"))
         .collect();
     assert_eq!(sum(&rows, None).0, "bytes: 14, frames: 2, noise bytes: 0");
+}
+
+#[test]
+fn byte_alone_in_a_log_is_counted() {
+    let text = "TX: AA 06 00 01 FE 9A FF\nAA\n04\n0E\nnothing\n";
+    assert_eq!(
+        sum(text, None).0,
+        "bytes: 7, frames: 1, noise bytes: 0, lines without bytes: 2, not understood: 2 (ambiguous bytes: 2)"
+    );
 }
 
 #[test]

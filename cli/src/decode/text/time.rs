@@ -1,9 +1,14 @@
 //! Times and dates before bytes, which may look like bytes.
 
+const YEARS: std::ops::Range<u32> = 1970..2100;
+const MONTHS: [&str; 12] = [
+    "Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec",
+];
+
 /// The line behind a date, a time, or both, if anything is behind them.
 pub(in super::super) fn behind_times(line: &str) -> Option<&str> {
     if !line.trim_start().starts_with(|first: char| first.is_ascii_digit()) {
-        return None;
+        return behind_names(line);
     }
     let (first, rest) = split_word(line);
     let (second, behind) = split_word(rest);
@@ -13,6 +18,21 @@ pub(in super::super) fn behind_times(line: &str) -> Option<&str> {
         _ => return None,
     };
     (!rest.trim().is_empty()).then_some(rest)
+}
+
+/// The line behind a date with the name of a month, and a time: `Jun 12 12:00:00`, as of a system log, or
+/// `Wed Jun 12 12:00:00 2024`.
+fn behind_names(line: &str) -> Option<&str> {
+    let (first, rest) = split_word(line);
+    let has_weekday = first.len() == 3 && !MONTHS.contains(&first);
+    let (month, rest) = if has_weekday { split_word(rest) } else { (first, rest) };
+    let (day, rest) = split_word(rest);
+    let (clock, rest) = split_word(rest);
+    let is_date = MONTHS.contains(&month) && number(Some(day), 1..=2).is_some() && is_clock(clock);
+    let (year, behind) = split_word(rest);
+    let has_year = has_weekday && number(Some(year), 4..=4).is_some_and(|year| YEARS.contains(&year));
+    let rest = if has_year { behind } else { rest };
+    (is_date && !rest.trim().is_empty()).then_some(rest)
 }
 
 /// Returns true if the first word of a line is a time or a date as well as bytes in the form of the words behind it.
@@ -60,7 +80,6 @@ pub(super) fn clock(word: &str) -> Option<u64> {
 
 /// Returns true for `2024-01-31`, `24-01-31`, `31-01-2024` and the like, with dashes, dots or slashes.
 pub(super) fn is_date(word: &str) -> bool {
-    const YEARS: std::ops::Range<u32> = 1970..2100;
     ['-', '/', '.'].into_iter().any(|mark| {
         let parts: Vec<_> = word.split(mark).collect();
         let [first, middle, last] = parts[..] else { return false };
