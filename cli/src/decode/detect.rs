@@ -203,6 +203,10 @@ fn judge_lines(text: &[u8], is_all: bool) -> Verdict {
         let next = lines.clone().next().map(|(_, line)| line);
         let is_first = first.is_none();
         first.get_or_insert((number, line));
+        // A heading, or the command, may be before a log.
+        if matches!(Candump.line(line.trim()), Ok(Unit::Can(_))) {
+            return Verdict::Format(Format::Candump);
+        }
         match judge_line(line, &mut log) {
             Column::Offset => return Verdict::Format(Format::Dump),
             Column::OffsetOr(other) => match next {

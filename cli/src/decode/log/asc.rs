@@ -6,8 +6,8 @@ use armwire_bridge::{Duration, Instant};
 use super::{Doubt, LineReader, Logged, Read, SECONDS, Time, Unit, byte, data, frame, identifier, number, time};
 
 /// First words of lines in the header and between measurements, in lower case, with the one behind it if it has to be
-/// there.
-const HEADINGS: [(&str, Option<&str>); 8] = [
+/// there. Kvaser's programs write a heading behind a semicolon.
+const HEADINGS: [(&str, Option<&str>); 9] = [
     ("date", None),
     ("base", None),
     ("internal", Some("events")),
@@ -16,6 +16,7 @@ const HEADINGS: [(&str, Option<&str>); 8] = [
     ("end", Some("triggerblock")),
     ("previous", Some("log")),
     ("//", None),
+    (";", None),
 ];
 /// First words of other events behind their time, in lower case, with the one behind it if it has to be there. A colon
 /// belongs to the word.
@@ -77,7 +78,8 @@ impl Asc {
         let mut words = line.split_whitespace();
         let (first, second) = (words.next().unwrap_or_default(), words.next());
         let is_heading = |(word, next): &(&str, Option<&str>)| {
-            first == *word && (next.is_none() || *next == second) || *word == "//" && first.starts_with(word)
+            let is_comment = matches!(*word, "//" | ";") && first.starts_with(word);
+            is_comment || first == *word && (next.is_none() || *next == second)
         };
         if !HEADINGS.iter().any(is_heading) {
             return Err("no time".into());

@@ -408,8 +408,28 @@ End TriggerBlock
 }
 
 #[test]
+fn candump_behind_its_command_is_read() {
+    for line in [
+        "(1.5) can0 60F#07AA060001FE9AFF",
+        " can0  60F   [8]  07 AA 06 00 01 FE 9A FF",
+    ] {
+        let (lines, error) = printed(
+            format!("$ candump can0\n{line}\n").as_bytes(),
+            None,
+            ArmKind::Ling,
+            None,
+        );
+        assert_eq!(error, None);
+        let sum = lines.last().unwrap();
+        assert!(sum.starts_with("CAN frames: 1, PDUs: 1, "), "{lines:?}");
+        assert!(sum.contains(", not understood: 1 ("), "{lines:?}");
+    }
+}
+
+#[test]
 fn asc_events_of_the_specification_are_no_frames() {
-    let events = "   0.0 Start der Messung
+    let events = ";  time  can ident  attr dlc data
+   0.0 Start der Messung
    0.1 log trigger event
    0.1 log direct start (0ms)
    0.1 CAN 1 Status:chip status error active - TxErr: 8 RxErr: 0
@@ -425,7 +445,7 @@ fn asc_events_of_the_specification_are_no_frames() {
    0.1 TFS: [00000003,00000000] Failed: Test module
    0.1 Li 3C Rx 2 01 02
 ";
-    let count = events.lines().count();
+    let count = events.lines().count() - 1;
     let (lines, error) = printed(format!("base hex\n{events}").as_bytes(), None, ArmKind::Ling, None);
     assert_eq!(error, None);
     assert_eq!(
