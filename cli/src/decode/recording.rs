@@ -540,10 +540,9 @@ pub(super) struct OfEither<P: Arm> {
 pub(super) fn xarm(sender: Sender) -> Box<dyn Recording> {
     match sender {
         Sender::Known(_) => Box::new(Frames::<XArm>::new(sender)),
-        Sender::Marked(_) | Sender::Unknown => OfEither::<XArm>::recording(sender, |speaker| match speaker {
-            Speaker::Host => Box::new(Frames::of(XArmLine::default())),
-            Speaker::Arm => Box::new(Frames::<XArm>::new(Sender::Known(speaker))),
-        }),
+        Sender::Marked(_) | Sender::Unknown => {
+            OfEither::<XArm>::recording(sender, |speaker| Box::new(Frames::of(XArmLine::new(speaker))))
+        }
     }
 }
 

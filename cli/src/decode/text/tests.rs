@@ -1059,6 +1059,25 @@ fn frame_that_may_be_either_senders_is_counted() {
 }
 
 #[test]
+fn requests_between_answers_are_counted() {
+    // The first request may be an answer.
+    for mark in ["RX: ", ""] {
+        let text: String = BOTH_WAYS[2..6].iter().map(|frame| format!("{mark}{frame}\n")).collect();
+        let (shown, sum) = directions(&text, None);
+        assert_eq!(shown, "<<<<");
+        assert_eq!(
+            sum,
+            "bytes: 33, frames: 4, noise bytes: 0, frames of uncertain direction: 2"
+        );
+    }
+    let text: String = BOTH_WAYS[2..6].iter().map(|frame| format!("{frame}\n")).collect();
+    assert_eq!(
+        directions(&text, Some(Speaker::Arm)).1,
+        "bytes: 33, frames: 4, noise bytes: 0"
+    );
+}
+
+#[test]
 fn requests_with_one_number_are_no_answers() {
     let requests = "TX: 00 01 00 02 00 03 0B 08 01\nTX: 00 01 00 02 00 03 0B 08 00\n";
     // The other direction has its own mark.
