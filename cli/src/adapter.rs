@@ -18,12 +18,16 @@ pub(crate) struct AdapterPort {
     /// control port alone), can:IFACE/NODE (SocketCAN), slcan:PORT@BITRATE/NODE (SLCAN adapter), or control:PATH (control
     /// port of a virtual board).
     port: Port,
+    /// Control port of the adapter, if it is not found by its serial port: usb:SERIAL/control, or control:PATH or PATH. A
+    /// virtual board needs it, and a serial port of Windows or macOS.
+    #[arg(long, value_name = "PORT", value_parser = Port::of_control)]
+    control: Option<Port>,
 }
 
 impl AdapterPort {
     /// The port after the adapter has this configuration of the CAN bus.
     pub(crate) fn moved(&self, can: &Can) -> Self {
-        let port = match self.port.clone() {
+        let port = match self.named().clone() {
             Port::Can { interface, .. } => Port::Can {
                 interface,
                 node: can.node,
@@ -35,18 +39,29 @@ impl AdapterPort {
             },
             other => other,
         };
-        Self { port }
+        match self.control {
+            None => Self { port, control: None },
+            Some(_) => Self {
+                port: self.port.clone(),
+                control: Some(port),
+            },
+        }
+    }
+
+    /// The port by which the adapter is reached.
+    fn named(&self) -> &Port {
+        self.control.as_ref().unwrap_or(&self.port)
     }
 
     /// The name of a virtual board's port. A real adapter has no control port with a path of its own.
     pub(crate) fn virtual_board(&self) -> Option<String> {
-        matches!(self.port, Port::Control(_)).then(|| self.port.to_string())
+        matches!(self.named(), Port::Control(_)).then(|| self.named().to_string())
     }
 
     /// Opens the adapter's control port.
     pub(crate) fn open(&self) -> Result<Adapter, Error> {
-        let opened = self.port.open(Options::default())?.adapter();
-        match (opened, &self.port) {
+        let port = self.named();
+        match (port.open(Options::default())?.adapter(), port) {
             // The error is the missing port, and not its missing control port.
             (Err(armwire_host::Error::NoControl { .. }), Port::Serial(port)) if !has_serial_port(port) => {
                 Err(Port::not_found(port).into())
@@ -96,8 +111,14 @@ mod tests {
         ] {
             let port = |text: &str| AdapterPort {
                 port: text.parse().unwrap(),
+                control: None,
             };
             assert_eq!(port(before).moved(&can), port(after));
+            let control = |text: &str| AdapterPort {
+                port: "can:can1/3".parse().unwrap(),
+                control: Some(text.parse().unwrap()),
+            };
+            assert_eq!(control(before).moved(&can), control(after));
         }
     }
 }

@@ -27,7 +27,7 @@ pub(crate) struct Place {
     #[command(flatten)]
     pub(crate) baud: Baud,
     /// Control port of the adapter, if it is not found by the arm's port: usb:SERIAL/control, or control:PATH or
-    /// PATH. A virtual board needs it.
+    /// PATH. A virtual board needs it, and a serial port of Windows or macOS.
     #[arg(long, value_name = "PORT", value_parser = Port::of_control)]
     pub(crate) control: Option<Port>,
 }
@@ -65,7 +65,7 @@ pub(crate) struct ArmPort {
     #[command(flatten)]
     baud: Baud,
     /// Control port of the adapter, which is asked whether it is in recovery, and whether it refuses motion. The default is
-    /// that of the arm's port; a virtual board needs control:PATH.
+    /// that of the arm's port; a virtual board needs control:PATH, and a serial port of Windows or macOS usb:SERIAL/control.
     #[arg(long, value_name = "PORT", value_parser = Port::of_control)]
     control: Option<Port>,
 }

@@ -2,7 +2,7 @@
 
 use armwire_bridge::config::{Can, Poll};
 use armwire_host::describe::{Arm, Fact, object};
-use armwire_host::{Adapter, LineErrors, Link, RECOVERY, XArm, line_reservation};
+use armwire_host::{Adapter, Error as Host, LineErrors, Link, NoControl, RECOVERY, XArm, line_reservation};
 use clap::Args;
 
 use crate::adapter;
@@ -67,9 +67,17 @@ impl Report {
             // A control port on the command line must work.
             Err(error) if place.control.is_some() => return Err(error.into()),
             // There may be no adapter, or an arm that answers without it.
-            Err(armwire_host::Error::NoControl { .. }) => {}
-            Err(error @ armwire_host::Error::Usb { .. }) => {
-                self.add(Fact::words("adapter", format_args!("unknown: {error}")))?;
+            Err(Host::NoControl {
+                reason: NoControl::NoAdapter,
+                ..
+            }) => {}
+            // Without adapters on USB, the port is hardly one of an adapter.
+            Err(Host::NoControl {
+                reason: NoControl::NotShown { candidates },
+                ..
+            }) if candidates.is_empty() => {}
+            Err(error @ (Host::Usb { .. } | Host::NoControl { .. })) => {
+                self.add(Fact::words("adapter", format_args!("unknown: {}", Error::from(error))))?;
             }
             Err(error) => return Err(error.into()),
         }

@@ -12,10 +12,6 @@ pub(crate) fn text(error: &Error) -> String {
             "{name}: the torque is off, so {effect}: 'armwire torque PORT on' switches it on ('armwire call ling PORT \
              move' sends it all the same)"
         ),
-        Error::NoControl { name } => format!(
-            "{name}: no control port of an armwire adapter found: name a virtual board's as PORT (control:PATH), or by \
-             --control where the command has it"
-        ),
         Error::Baud { name } => format!("--baud applies to serial ports only, not to {name}"),
         error => error.with(words),
     }
@@ -31,6 +27,7 @@ pub(crate) fn words(remedy: Remedy) -> String {
         Remedy::TryBaud => " (--baud)",
         Remedy::Listen => " 'armwire monitor' shows its joints.",
         Remedy::EndReservation => " ('armwire reserve')",
+        Remedy::NameControl => " by --control",
         Remedy::SaveParkPose => ": 'armwire park PORT --save' saves it",
         Remedy::Stop => "; 'armwire stop PORT' stops the arm",
         _ => "",

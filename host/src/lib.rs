@@ -85,6 +85,7 @@ pub use arm::pose::{OnPose, Pose, XArmPose};
 pub use arm::shared::Shared;
 pub use arm::xarm::XArm;
 pub use describe::{Arm, Fact, Protocol};
+pub use error::no_control::NoControl;
 pub use error::no_pose::NoPose;
 pub use error::outside::Outside;
 pub use error::received::Missing;

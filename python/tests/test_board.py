@@ -199,6 +199,7 @@ def test_telemetry_has_one_iteration_at_a_time(board: Path) -> None:
         adapter.set_config({"poll": "off"})
 
 
-def test_serial_port_without_control_port_is_an_error(board: Path) -> None:
-    with pytest.raises(errors.PortError, match="no control port of an armwire adapter found"):
+def test_control_port_is_asked_for_not_guessed(board: Path) -> None:
+    reason = "the system does not show which adapter has this port: its control port must be named, such as "
+    with pytest.raises(errors.PortError, match=reason):
         armwire.Adapter(str(board / "arm"))

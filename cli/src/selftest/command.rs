@@ -73,7 +73,11 @@ impl Selftest {
         if !has_serial_port(&self.port) {
             return Err(Port::not_found(&self.port).into());
         }
-        let serial = usb_serial_number(&self.port)?;
+        let serial = usb_serial_number(&self.port).map_err(|error| match error {
+            // No option names a control port here.
+            Host::NoControl { .. } => Error::at(&self.port, "no adapter on USB is known to have this port"),
+            error => error.into(),
+        })?;
         self.confirm.question(DANGER)?.ask()?;
         let mut adapter = LinuxUsb::open(serial).map_err(|fault| Host::Usb {
             name: self.port.as_str().into(),

@@ -4,7 +4,7 @@ use armwire::alpha1;
 use armwire::ling::Opening;
 use armwire::ling::stop::{Grip, Stopped};
 use armwire_bridge::control::STOP_MS;
-use armwire_host::{Connection, Error as Host, Ling};
+use armwire_host::{Connection, Error as Host, Ling, NoControl};
 use clap::Args;
 
 use super::show;
@@ -72,12 +72,15 @@ impl StopArm {
         let stopped = connection.adapter().and_then(|mut control| control.stop());
         match stopped {
             Ok(()) => {}
-            Err(Host::NoControl { .. }) if self.place.control.is_none() => return Ok(false),
+            Err(Host::NoControl {
+                reason: NoControl::NoAdapter,
+                ..
+            }) if self.place.control.is_none() => return Ok(false),
             // The adapter has decided, or there is no other way.
             Err(error @ (Host::NotStopped { .. } | Host::Refused { .. })) => return Err(error.into()),
             Err(error) if connection.is_control() => return Err(error.into()),
             Err(error) => {
-                print_error(&format_args!("{error}; trying the arm's port"));
+                print_error(&format_args!("{}; trying the arm's port", Error::from(error)));
                 return Ok(false);
             }
         }

@@ -9,6 +9,7 @@ use rustix::process::{Pid, Signal, kill_process};
 
 use crate::common::board::Board;
 use crate::common::{PROGRAM, angles, failure, finish, retry_while, retry_while_busy, run, start, success, usage};
+use crate::stop::stop_by_the_port;
 
 /// The factory configuration, as printed.
 const FACTORY: &str = "\
@@ -117,8 +118,8 @@ fn expect_control(board: &Board, command: &[&str]) -> String {
     let line = failure(&with("tcp:127.0.0.1:1"));
     assert!(
         line.ends_with(
-            "no control port of an armwire adapter found: name a virtual board's as PORT (control:PATH), or by \
-             --control where the command has it"
+            "no control port of an armwire adapter found: a virtual board's must be named by --control, such as \
+             control:PATH"
         ),
         "{line}"
     );
@@ -251,7 +252,7 @@ fn counters_have_their_names_and_latencies_their_bars() {
 #[test]
 fn line_is_reserved_until_interrupt() {
     let board = Board::start("reserve");
-    let mut reserve = start(Command::new(PROGRAM).args(["reserve", &board.control]));
+    let mut reserve = start(Command::new(PROGRAM).args(["reserve", &board.port, "--control", &board.control]));
     let mut line = String::new();
     let mut out = BufReader::new(reserve.stdout.take().unwrap());
     out.read_line(&mut line).unwrap();
@@ -338,13 +339,39 @@ fn adapter_for_another_arm_cannot_be_monitored() {
     );
 }
 
+/// The reason against a request to an adapter by the port of its arm, where the system does not show whose that is.
+const NOT_SHOWN: &str =
+    "the system does not show which adapter has this port: its control port must be named by --control";
+
+#[test]
+fn control_port_is_asked_for_not_guessed() {
+    let board = Board::start("unshown");
+    for args in [
+        &["config", &board.port][..],
+        &["config", &board.port, "set", "poll=200"],
+        &["counters", &board.port],
+        &["reserve", &board.port],
+        &["monitor", &board.port, "--from-adapter"],
+    ] {
+        let line = failure(&run(args));
+        assert!(line.starts_with(&format!("{}: {NOT_SHOWN}", board.port)), "{line}");
+    }
+    assert_eq!(success(&["config", &board.control]), FACTORY, "nothing was sent");
+}
+
+#[test]
+fn named_control_port_is_used_by_every_command() {
+    let board = Board::start("named-all");
+    expect_control(&board, &["config", &board.port]);
+    expect_control(&board, &["counters", &board.port, "--brief"]);
+    let named = ["--control", name(&board)];
+    let set = success(&[&["config", &board.port][..], &named, &["set", "poll=200"]].concat());
+    assert!(set.contains("poll=200\n"), "{set}");
+}
+
 #[test]
 fn missing_control_port_is_reported() {
     let board = Board::start("none");
-    for args in [&["config", &board.port][..], &["counters", &board.port]] {
-        let line = failure(&run(args));
-        assert!(line.contains("no control port of an armwire adapter found"), "{line}");
-    }
     let line = failure(&run(&["config", "/dev/no-such-port"]));
     assert!(line.starts_with("/dev/no-such-port: no such port"), "{line}");
     let text = usage(&["info", &board.port, "--control", "tcp:localhost"]);
@@ -481,7 +508,7 @@ fn motion_after_the_refusal_is_sent() {
 fn hold_that_a_stop_refuses_is_no_failure() {
     let board = Board::start("refused-hold");
     success(&["stop", &board.control]);
-    let out = success(&["stop", &board.port, "--gripper", "0"]);
+    let out = stop_by_the_port(&board.port, &["--gripper", "0"]);
     assert!(
         out.starts_with("stopped: ") && out.ends_with("status: locked\n"),
         "{out}"

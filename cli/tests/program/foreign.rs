@@ -9,6 +9,7 @@ use armwire::messages::Messages;
 use armwire::{Device, DeviceEvent};
 
 use crate::common::{Arm, NO_ANSWER, angles, failure, retry_while, run_against};
+use crate::stop::by_the_port;
 
 /// The answer of the vendor's two-armed robot to a request for joints.
 const BESSICA: &[u8] = include_bytes!("../bessica.bin");
@@ -93,7 +94,7 @@ fn another_robot_is_sent_nothing_that_moves_or_holds() {
         assert_eq!(motion, []);
     }
     let (output, motion) = run_at(BESSICA, &["stop", "PORT", "--gripper", "50"]);
-    let line = failure(&output);
+    let line = failure(&by_the_port(output));
     assert!(line.contains(&format!("{NAME}: its answer is 33 data bytes")), "{line}");
     assert_eq!(motion, []);
 }

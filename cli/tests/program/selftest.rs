@@ -13,7 +13,7 @@ fn missing_port_is_reported() {
 fn port_without_an_adapter_is_refused() {
     let board = Board::start("selftest");
     let line = failure(&run(&["selftest", &board.port, "--yes"]));
-    assert!(line.contains("no control port of an armwire adapter found"), "{line}");
+    assert!(line.contains("no adapter on USB is known to have this port"), "{line}");
 }
 
 #[test]

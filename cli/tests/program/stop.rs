@@ -1,5 +1,6 @@
 //! Stopping an arm: `armwire stop`, and the library's call.
 
+use std::process::Output;
 use std::time::Instant;
 
 use armwire::ling::arrival::Tolerances;
@@ -12,9 +13,32 @@ use rustix::process::{Pid, Signal, kill_process};
 
 use crate::common::adapter::{BIT_RATE, CanBus, NODE};
 use crate::common::board::Board;
-use crate::common::{Arm, NO_ANSWER, TIMEOUT, failure, retry_while, run, run_against, success};
+use crate::common::{Arm, NO_ANSWER, TIMEOUT, failure, retry_while, retry_while_busy, run, run_against, success};
 use crate::pty::with_monitor;
 use crate::signals::Stepped;
+
+/// The output without its first line on standard error: a pty may be a board's, and the stop says that it uses the arm's
+/// port.
+pub(crate) fn by_the_port(mut output: Output) -> Output {
+    let stderr = String::from_utf8(output.stderr).unwrap();
+    let (warning, rest) = stderr.split_once('\n').unwrap_or_default();
+    let reason = "the system does not show which adapter has this port: its control port must be named by --control";
+    assert!(
+        warning.contains(reason) && warning.ends_with("; trying the arm's port"),
+        "{stderr}"
+    );
+    output.stderr = rest.into();
+    output
+}
+
+/// The output of a stop by the arm's port.
+pub(crate) fn stop_by_the_port(port: &str, options: &[&str]) -> String {
+    let output = retry_while_busy(|| run(&[&["stop", port], options].concat()));
+    assert!(output.status.success(), "{output:?}");
+    let output = by_the_port(output);
+    assert!(output.stderr.is_empty(), "{output:?}");
+    String::from_utf8(output.stdout).unwrap()
+}
 
 fn open(port: &str) -> Ling {
     let connection = armwire_host::open(port).unwrap();
@@ -137,7 +161,7 @@ fn first_joint(reading: &str) -> f32 {
 fn stop_holds_the_pose_and_warns_of_the_grip() {
     let arm = Arm::start("ling", "stop", &[]);
     start_moving(&arm.port);
-    let output = retry_while(NO_ANSWER, || run(&["stop", &arm.port]));
+    let output = by_the_port(retry_while(NO_ANSWER, || run(&["stop", &arm.port])));
     let (out, error) = [output.stdout, output.stderr]
         .map(|text| String::from_utf8(text).unwrap())
         .into();
@@ -157,7 +181,7 @@ fn stop_holds_the_pose_and_warns_of_the_grip() {
 #[test]
 fn stop_sends_the_given_gripper_goal() {
     let arm = Arm::start("ling", "stop-gripper", &[]);
-    let out = success(&["stop", &arm.port, "--gripper", "2"]);
+    let out = stop_by_the_port(&arm.port, &["--gripper", "2"]);
     assert!(
         out.starts_with("stopped: ") && out.contains("gripper: 2.0 % open"),
         "{out}"
@@ -168,7 +192,7 @@ fn stop_sends_the_given_gripper_goal() {
 fn arm_without_torque_is_sent_nothing() {
     let arm = Arm::start("ling", "stop-limp", &[]);
     success(&["torque", &arm.port, "off", "--yes"]);
-    let out = success(&["stop", &arm.port]);
+    let out = stop_by_the_port(&arm.port, &[]);
     let start = "the torque is off, so nothing was sent: joints: ";
     assert!(out.starts_with(start) && out.ends_with("status: idle\n"), "{out}");
     let counts = arm.stop(Signal::INT);
@@ -191,13 +215,13 @@ fn program_that_has_the_port_is_named() {
          switch of the arm's supply, stops the arm",
         arm.port
     );
-    assert_eq!(failure(&output), expected);
+    assert_eq!(failure(&by_the_port(output)), expected);
 }
 
 #[test]
 fn silent_arm_counts_as_not_stopped() {
     let silent = Pty::open(None).unwrap();
-    let line = failure(&run(&["stop", silent.path().to_str().unwrap()]));
+    let line = failure(&by_the_port(run(&["stop", silent.path().to_str().unwrap()])));
     assert!(line.contains("not stopped: no answer in"), "{line}");
     assert!(line.ends_with("; switch the arm's supply off if it moves"), "{line}");
 }
@@ -265,7 +289,7 @@ fn stop_ends_the_stream_at_an_adapter() {
     }
     let save = || run(&["config", &board.control, "save"]);
     assert!(failure(&save()).contains("refused while a host streams motion"));
-    let out = success(&["stop", &board.port, "--gripper", "0"]);
+    let out = stop_by_the_port(&board.port, &["--gripper", "0"]);
     assert!(out.contains("status: locked"), "{out}");
     assert!(save().status.success());
 }

@@ -1,5 +1,6 @@
 //! Errors of ports, arms and adapters.
 
+pub(crate) mod no_control;
 pub(crate) mod no_pose;
 pub(crate) mod outside;
 pub(crate) mod received;
@@ -20,6 +21,7 @@ use armwire::ling::stop::Stopped;
 use armwire::ling::{Immovable, JointState, MotionStatus, SerialNumber};
 use armwire_bridge::control::{StopInForce, VERSION};
 
+use crate::error::no_control::NoControl;
 use crate::error::no_pose::NoPose;
 use crate::error::outside::Outside;
 use crate::error::received::Missing;
@@ -122,8 +124,8 @@ pub enum Error {
     Closed { name: Outside },
     /// The arm was not stopped. It may still move.
     NotStopped { name: Outside, cause: Text },
-    /// There is no adapter with a control port there.
-    NoControl { name: Outside },
+    /// No control port of an adapter is known there.
+    NoControl { name: Outside, reason: NoControl },
     /// The control port is there, but cannot be used.
     Usb { name: Outside, fault: UsbFault },
     /// The adapter does not know a request. `version` is that of its control protocol.
@@ -182,6 +184,12 @@ impl Error {
     pub fn refused(name: &str, reason: impl Display) -> Self {
         let (name, reason) = (name.into(), reason.to_string().into());
         Self::Refused { name, reason }
+    }
+
+    /// A port that no adapter has.
+    pub(crate) fn no_adapter(name: &str) -> Self {
+        let (name, reason) = (name.into(), NoControl::NoAdapter);
+        Self::NoControl { name, reason }
     }
 
     /// Unacceptable bytes from `name`.
@@ -294,10 +302,7 @@ impl Error {
             Self::NoPose { name, reason } => at(name, &reason.to_string()),
             Self::Closed { name } => at(name, "the port is closed"),
             Self::NotStopped { name, cause } => at(name, "not stopped: ").append(cause),
-            Self::NoControl { name } => {
-                let what = "no control port of an armwire adapter found (a virtual board's is control:PATH)";
-                at(name, what)
-            }
+            Self::NoControl { name, reason } => at(name, "").append(&reason.text()),
             Self::Unsupported { name, version } => {
                 let what = format!(
                     "the adapter does not support this request: its control protocol is version {version}, this \

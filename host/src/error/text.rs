@@ -23,6 +23,8 @@ pub enum Remedy {
     SaveParkPose,
     /// A program reserves the adapter's line, and may end that.
     EndReservation,
+    /// The control port of the adapter may be named.
+    NameControl,
 }
 
 /// Text for a user, with a place for the words of a program at each remedy. It is displayed without them. Text from outside

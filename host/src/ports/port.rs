@@ -187,7 +187,7 @@ impl fmt::Display for Port {
             Self::Tcp(host) => return write!(f, "tcp:{host}"),
             Self::Hid(selector) => return write!(f, "hid:{selector}"),
             Self::Control(port) => return write!(f, "control:{port}"),
-            Self::UsbControl(serial) => return write!(f, "{}{}", usb_name::name_of(serial), usb_name::CONTROL),
+            Self::UsbControl(serial) => return f.write_str(&usb_name::control_name_of(serial)),
             Self::Can { interface, node } => {
                 write!(f, "can:{interface}")?;
                 node
@@ -362,7 +362,8 @@ impl Connection {
     ///
     /// # Errors
     ///
-    /// The port has no control port, or it cannot be opened. On CAN, [`Error::InUse`] while this connection has one.
+    /// [`Error::NoControl`] if the port has no control port, or if the system does not show whose it is: no adapter is asked
+    /// by a guess. The control port cannot be opened. On CAN, [`Error::InUse`] while this connection has one.
     pub fn adapter(&self) -> Result<Adapter, Error> {
         if let Some(control) = &self.control {
             return control.open(Options::default())?.adapter();
@@ -378,9 +379,7 @@ impl Connection {
                 let line = self.on_can(*node, Function::ControlRequest, Function::ControlAnswer)?;
                 Ok(Adapter::new(Box::new(line)))
             }
-            Port::Tcp(_) | Port::Hid(_) => Err(Error::NoControl {
-                name: self.port.to_string().into(),
-            }),
+            Port::Tcp(_) | Port::Hid(_) => Err(Error::no_adapter(&self.port.to_string())),
         }
     }
 
@@ -517,7 +516,7 @@ mod tests {
         let port = crate::open("tcp:\x07:1").unwrap();
         let error = port.adapter().unwrap_err();
         assert!(error.to_string().starts_with(r"tcp:\u{7}:1: "), "{error}");
-        assert!(matches!(&error, Error::NoControl { name } if name.as_str() == "tcp:\x07:1"));
+        assert!(matches!(&error, Error::NoControl { name, .. } if name.as_str() == "tcp:\x07:1"));
     }
 
     #[test]

@@ -1,14 +1,16 @@
 //! Serial ports with their USB devices, and interfaces for CAN, as the system lists them.
 
 use std::fs;
+#[cfg(target_os = "linux")]
+use std::os::unix::fs::{FileTypeExt, MetadataExt};
 use std::path::{Path, PathBuf};
 
 use serial2::SerialPort;
 
 use crate::ports::usb_name::{self, SerialPortInfo};
 
-/// The serial ports of Linux.
-const TTYS: &str = "/sys/class/tty";
+/// The character devices of Linux, by their numbers.
+const DEVICES: &str = "/sys/dev/char";
 
 /// Type of a CAN interface in Linux (`ARPHRD_CAN`).
 const CAN_TYPE: &str = "280";
@@ -23,7 +25,10 @@ pub(crate) fn serial_ports() -> Vec<String> {
 /// Serial ports with their serial numbers on USB, which only Linux shows.
 pub(crate) fn serial_ports_on_usb() -> Vec<SerialPortInfo> {
     let info = |path: String| SerialPortInfo {
-        serial: usb_device(&path).and_then(|device| serial_number(&device)),
+        serial: match usb_device(&path) {
+            UsbDevice::At(folder) => serial_number(&folder),
+            UsbDevice::None | UsbDevice::NotShown => None,
+        },
         path,
     };
     serial_ports().into_iter().map(info).collect()
@@ -44,19 +49,56 @@ pub(crate) fn serial_path(port: &str) -> Result<String, String> {
     }
 }
 
-/// The folder of the USB device with the serial port at this path. `None` if it is not on USB, and except on Linux.
-pub(crate) fn usb_device(path: &str) -> Option<PathBuf> {
-    // The port may be a link, for example under /dev/serial/by-id.
-    let device = fs::canonicalize(path).ok()?;
-    usb_device_of(Path::new(TTYS), device.file_name()?.to_str()?)
+/// The USB device with a serial port.
+#[derive(Debug, PartialEq, Eq)]
+pub(crate) enum UsbDevice {
+    /// The device with this folder.
+    At(PathBuf),
+    /// The port is not on USB.
+    None,
+    /// The system does not show it. Only Linux does, and not for a pty.
+    NotShown,
+}
+
+/// The USB device with the serial port at this path.
+pub(crate) fn usb_device(path: &str) -> UsbDevice {
+    match device_number(path) {
+        Some(number) => usb_device_of(Path::new(DEVICES), &number),
+        None => UsbDevice::NotShown,
+    }
+}
+
+/// The number of a port, which names its folder among the devices. A path does not: it may be a link, and a container may
+/// have the port by another name.
+#[cfg(target_os = "linux")]
+fn device_number(path: &str) -> Option<String> {
+    let port = fs::metadata(path).ok()?;
+    let number = port.rdev();
+    let is_device = port.file_type().is_char_device();
+    is_device.then(|| format!("{}:{}", rustix::fs::major(number), rustix::fs::minor(number)))
+}
+
+/// Other systems have no such folders.
+#[cfg(not(target_os = "linux"))]
+fn device_number(_: &str) -> Option<String> {
+    None
 }
 
 /// The USB device above this port: a converter's port has a folder in that of its interface, an adapter's has none. Above
 /// the device are hubs, whose serial numbers are not its own.
-fn usb_device_of(ttys: &Path, name: &str) -> Option<PathBuf> {
-    let port = fs::canonicalize(ttys.join(name).join("device")).ok()?;
-    let device = port.ancestors().find(|folder| folder.join("idVendor").exists());
-    device.map(Path::to_owned)
+fn usb_device_of(devices: &Path, number: &str) -> UsbDevice {
+    let port = devices.join(number);
+    if !port.exists() {
+        return UsbDevice::NotShown;
+    }
+    let Ok(device) = fs::canonicalize(port.join("device")) else {
+        return UsbDevice::None;
+    };
+    let mut folders = device.ancestors();
+    match folders.find(|folder| folder.join("idVendor").exists()) {
+        Some(folder) => UsbDevice::At(folder.to_owned()),
+        None => UsbDevice::None,
+    }
 }
 
 /// The serial number of the USB device with this folder.
@@ -104,6 +146,16 @@ pub(crate) fn can_interfaces() -> Vec<String> {
 mod tests {
     use super::*;
 
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn device_is_found_by_number_not_name() {
+        let link = std::env::temp_dir().join(format!("armwire-null-{}", std::process::id()));
+        std::os::unix::fs::symlink("/dev/null", &link).unwrap();
+        assert_eq!(device_number(link.to_str().unwrap()).as_deref(), Some("1:3"));
+        fs::remove_file(&link).unwrap();
+        assert_eq!(device_number("/dev"), None);
+    }
+
     #[cfg(unix)]
     #[test]
     fn serial_number_is_that_of_the_ports_device() {
@@ -126,20 +178,26 @@ mod tests {
         device("usb1/1-1", Some("A50285BI"));
         device("usb1/1-2", None);
         device("usb1/1-3", Some("35FFD8"));
-        for (name, port) in [
-            ("ttyUSB0", "usb1/1-1/1-1:1.0/ttyUSB0"),
-            ("ttyUSB1", "usb1/1-2/1-2:1.0/ttyUSB1"),
-            ("ttyACM0", "usb1/1-3/1-3:1.1"),
-            ("ttyS0", "serial8250"),
+        for (number, port) in [
+            ("188:0", "usb1/1-1/1-1:1.0/ttyUSB0"),
+            ("188:1", "usb1/1-2/1-2:1.0/ttyUSB1"),
+            ("166:0", "usb1/1-3/1-3:1.1"),
+            ("4:64", "serial8250"),
         ] {
-            symlink(folder(port), folder(&format!("class/{name}")).join("device")).unwrap();
+            symlink(folder(port), folder(&format!("char/{number}")).join("device")).unwrap();
         }
-        let serial = |name| serial_number(&usb_device_of(&root.join("class"), name)?);
-        assert_eq!(serial("ttyUSB0").as_deref(), Some("A50285BI"));
-        assert_eq!(serial("ttyUSB1"), None, "not the hub's");
-        assert_eq!(serial("ttyACM0").as_deref(), Some("35FFD8"));
-        assert_eq!(serial("ttyS0"), None);
-        assert_eq!(serial("ttyS1"), None);
+        folder("char/5:0");
+        let device = |number| usb_device_of(&root.join("char"), number);
+        let serial = |number| match device(number) {
+            UsbDevice::At(folder) => serial_number(&folder),
+            other => panic!("{number}: {other:?}"),
+        };
+        assert_eq!(serial("188:0").as_deref(), Some("A50285BI"));
+        assert_eq!(serial("188:1"), None, "not the hub's");
+        assert_eq!(serial("166:0").as_deref(), Some("35FFD8"));
+        assert_eq!(device("4:64"), UsbDevice::None, "no device of USB");
+        assert_eq!(device("5:0"), UsbDevice::None, "no device");
+        assert_eq!(device("136:0"), UsbDevice::NotShown);
         fs::remove_dir_all(&root).unwrap();
     }
 

@@ -28,6 +28,11 @@ pub(crate) fn name_of(serial: &str) -> String {
     format!("{PREFIX}{serial}")
 }
 
+/// The name of the control port of the adapter with this serial number.
+pub(crate) fn control_name_of(serial: &str) -> String {
+    format!("{PREFIX}{serial}{CONTROL}")
+}
+
 /// The name of this port. `None` if it has no serial number, shares it, or has one that cannot be typed.
 pub(crate) fn unique_name(port: &SerialPortInfo, ports: &[SerialPortInfo]) -> Option<String> {
     let serial = port.serial.as_deref()?;

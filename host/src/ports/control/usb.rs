@@ -10,10 +10,11 @@ use nusb::transfer::{Bulk, Direction, In, Out};
 use nusb::{DeviceInfo, Endpoint, Interface, MaybeFuture};
 
 use crate::error::Error;
+use crate::error::no_control::NoControl;
 use crate::error::text::Text;
 use crate::error::usb_fault::{UsbFault, VENDOR_AND_PRODUCT};
 use crate::ports::line::{Line, Names, Reception, is_nothing_yet};
-use crate::ports::system::{has_serial_port, serial_path, usb_device};
+use crate::ports::system::{UsbDevice, has_serial_port, serial_path, usb_device};
 use crate::ports::usb_name;
 
 /// The class, subclass and protocol of its control interface: none that is standard.
@@ -58,71 +59,60 @@ impl UsbLine {
 ///
 /// # Errors
 ///
-/// [`Error::NoControl`] if no adapter has it, [`Error::At`] if it is not known which one, and [`Error::Usb`].
+/// [`Error::NoControl`] if no adapter has it, or if the system does not show which one, and [`Error::Usb`].
 pub fn usb_serial_number(port: &str) -> Result<String, Error> {
     let serial = find(port)?.serial_number().map(str::to_owned);
-    serial.ok_or_else(|| Error::NoControl { name: port.into() })
+    serial.ok_or_else(|| Error::no_adapter(port))
 }
 
-/// The adapter that has this serial port.
+/// The adapter that has this serial port. It is never guessed, also not if there is only one.
 fn find(port: &str) -> Result<DeviceInfo, Error> {
     if let Some(serial) = usb_name::serial_in(port) {
         return find_by_serial(port, serial);
     }
-    let device = usb_device(port);
-    if !has_serial_port(port) || cfg!(target_os = "linux") && device.is_none() {
-        return Err(Error::NoControl { name: port.into() });
+    match usb_device(port) {
+        UsbDevice::At(folder) => {
+            let adapters = adapters().map_err(|error| not_opened(port, &error))?;
+            let adapter = adapters.into_iter().find(|adapter| is_at(adapter, &folder));
+            adapter.ok_or_else(|| Error::no_adapter(port))
+        }
+        UsbDevice::NotShown if has_serial_port(port) => {
+            let names = serial_numbers().into_iter();
+            let reason = NoControl::NotShown {
+                candidates: names.map(|serial| usb_name::control_name_of(&serial).into()).collect(),
+            };
+            let name = port.into();
+            Err(Error::NoControl { name, reason })
+        }
+        UsbDevice::None | UsbDevice::NotShown => Err(Error::no_adapter(port)),
     }
-    let mut adapters = adapters().map_err(|error| not_opened(port, &error))?;
-    adapters.retain(|adapter| may_be_at(adapter, device.as_deref()));
-    only(port, adapters, |adapters| {
-        let serials = adapters.iter().map(|adapter| adapter.serial_number().unwrap_or("?"));
-        let serials: Vec<_> = serials.collect();
-        format!(
-            "there are several adapters ({}), and this system does not show which of them has the port: unplug the others",
-            serials.join(", ")
-        )
-    })
 }
 
-/// Returns true for an adapter with this folder. Other systems than Linux have no such folders: there any may be it.
-fn may_be_at(adapter: &DeviceInfo, folder: Option<&Path>) -> bool {
+/// Returns true for an adapter with this folder. Only Linux has such folders.
+fn is_at(adapter: &DeviceInfo, folder: &Path) -> bool {
     #[cfg(target_os = "linux")]
-    return Some(adapter.sysfs_path()) == folder;
+    return adapter.sysfs_path() == folder;
     #[cfg(not(target_os = "linux"))]
     {
         let _ = (adapter, folder);
-        true
+        false
     }
 }
 
-/// The adapter with this serial number.
+/// The only adapter with this serial number.
 fn find_by_serial(name: &str, serial: &str) -> Result<DeviceInfo, Error> {
     let mut adapters = adapters().map_err(|error| not_opened(name, &error))?;
     adapters.retain(|adapter| adapter.serial_number() == Some(serial));
-    only(name, adapters, |_| several_with(serial))
+    match adapters.len() {
+        0 | 1 => adapters.pop().ok_or_else(|| Error::no_adapter(name)),
+        _ => Err(Error::at(name, several_with(serial))),
+    }
 }
 
 /// The reason against a serial number that several adapters have.
 fn several_with(serial: &str) -> String {
     let several = serial_path(&usb_name::name_of(serial)).err();
     several.unwrap_or_else(|| "several adapters have this USB serial number: unplug the others".to_owned())
-}
-
-/// The only one of these adapters.
-///
-/// # Errors
-///
-/// [`Error::NoControl`] if there is none, and the reason if there are several.
-fn only(
-    name: &str,
-    mut adapters: Vec<DeviceInfo>,
-    several: impl FnOnce(&[DeviceInfo]) -> String,
-) -> Result<DeviceInfo, Error> {
-    match adapters.len() {
-        0 | 1 => adapters.pop().ok_or(Error::NoControl { name: name.into() }),
-        _ => Err(Error::at(name, several(&adapters))),
-    }
 }
 
 /// The serial numbers of all adapters; none where USB cannot be searched.
