@@ -85,6 +85,8 @@
 //!
 //! None for any input. A link test proves it for everything but [`store`].
 #![no_std]
+// docs.rs shows the feature that an item needs. This is unstable, and used there only.
+#![cfg_attr(docsrs, feature(doc_cfg))]
 #![forbid(unsafe_code)]
 
 // Needed by the derived implementations of `Arbitrary`.

@@ -1,6 +1,8 @@
 //! `armwire`: inspect, monitor and control robot arms, real or simulated, from the command line.
+// docs.rs shows the feature that an item needs. This is unstable, and used there only.
+#![cfg_attr(docsrs, feature(doc_cfg))]
 #![forbid(unsafe_code)]
-// They panic when nobody reads any more.
+// `println!` panics on a closed pipe.
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 
 mod adapter;

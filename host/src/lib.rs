@@ -61,6 +61,8 @@
 //! # Features
 //!
 //! `hid`, on by default, opens an Alpha1 that is a HID device. Without it such a port is [`Error::Disabled`].
+// docs.rs shows the feature that an item needs. This is unstable, and used there only.
+#![cfg_attr(docsrs, feature(doc_cfg))]
 #![forbid(unsafe_code)]
 
 mod arm;

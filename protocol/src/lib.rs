@@ -45,6 +45,8 @@
 //! its own, and two features: `async`, because a future panics when it is polled after completion, and `defmt`, which
 //! formats.
 #![no_std]
+// docs.rs shows the feature that an item needs. This is unstable, and used there only.
+#![cfg_attr(docsrs, feature(doc_cfg))]
 #![forbid(unsafe_code)]
 
 // Needed by the derived implementations of `Arbitrary`.
