@@ -25,7 +25,13 @@ pub(crate) const PACKAGES: [&str; 5] = [
 const LIBRARIES: [&str; 4] = ["armwire", "armwire-bridge", "armwire-sim", "armwire-host"];
 const VERSION: &str = env!("CARGO_PKG_VERSION");
 /// Files that each package must contain in addition to its sources.
-const FILES: [&str; 3] = ["README.md", "LICENSE-MIT", "LICENSE-APACHE"];
+const FILES: [&str; 4] = ["README.md", "CHANGELOG.md", "LICENSE-MIT", "LICENSE-APACHE"];
+/// The examples of the packages, and those that run without an arm.
+const EXAMPLES: [(&str, &str, bool); 3] = [
+    ("armwire", "decode", true),
+    ("armwire-sim", "lossy_line", true),
+    ("armwire-host", "joints", false),
+];
 
 /// The page with programs for a PC, and the heading between them.
 const PC: &str = "docs/pc.md";
@@ -39,8 +45,9 @@ pub(crate) enum Tests {
     Compile,
 }
 
-/// Packages the crates, builds their tests from their `.crate` files, builds and runs the examples of their READMEs with
-/// these files only, and moves a virtual arm with each program in [`PC`].
+/// Publishes the crates without an upload, and packages them. Builds their tests and examples from their `.crate` files,
+/// builds and runs the examples of their READMEs with these files only, and moves a virtual arm with each program in
+/// [`PC`].
 ///
 /// # Errors
 ///
@@ -49,18 +56,31 @@ pub(crate) fn check(tests: Tests) -> Result<()> {
     let folder = target_dir()?.join("packages");
     let crates = folder.join("crates");
     empty_folder(&crates)?;
+    publish()?;
     unpack(&crates)?;
     test(&crates, tests)?;
+    run_examples(&crates)?;
     LIBRARIES
         .into_iter()
         .try_for_each(|library| run_readme(library, &folder))?;
     move_virtual_arms(&folder)
 }
 
+/// Publishes the crates, each after those that it depends on, without an upload. Cargo keeps none of these packages.
+fn publish() -> Result<()> {
+    let mut publish = cargo("publish --dry-run --quiet --no-verify --allow-dirty");
+    run(publish.args(selection()))
+}
+
+/// The packages, as arguments of cargo.
+fn selection() -> [String; 5] {
+    PACKAGES.map(|package| format!("--package={package}"))
+}
+
 /// Packages the crates and unpacks them into this folder.
 fn unpack(crates: &Path) -> Result<()> {
     let mut package = cargo("package --quiet --no-verify --allow-dirty");
-    run(package.args(PACKAGES.map(|package| format!("--package={package}"))))?;
+    run(package.args(selection()))?;
     for package in PACKAGES.map(versioned) {
         let archive = target_dir()?.join("package").join(format!("{package}.crate"));
         run(Command::new("tar").arg("-xzf").arg(archive).arg("-C").arg(crates))?;
@@ -87,6 +107,17 @@ fn test(crates: &Path, tests: Tests) -> Result<()> {
         Tests::Compile => "check --quiet --all-targets --features armwire/async",
     };
     run(&mut in_folder(words, crates)?)
+}
+
+/// Builds the examples of the unpacked crates, and runs those that need no arm.
+fn run_examples(crates: &Path) -> Result<()> {
+    for (package, example, needs_no_arm) in EXAMPLES {
+        println!("{package}: example {example}");
+        let action = if needs_no_arm { "run" } else { "build" };
+        let words = format!("{action} --quiet --package {package} --example {example}");
+        run(&mut in_folder(&words, crates)?)?;
+    }
+    Ok(())
 }
 
 /// Builds the example of a README in a new package, and runs it if it is a program.
