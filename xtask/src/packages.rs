@@ -14,15 +14,22 @@ use crate::readme;
 use crate::workspace::root;
 
 /// The crates to publish.
-pub(crate) const PACKAGES: [&str; 5] = [
+pub(crate) const PACKAGES: [&str; 6] = [
     "armwire",
+    "armwire-feetech",
     "armwire-bridge",
     "armwire-sim",
     "armwire-host",
     "armwire-cli",
 ];
 /// The packages whose README has an example.
-const LIBRARIES: [&str; 4] = ["armwire", "armwire-bridge", "armwire-sim", "armwire-host"];
+const LIBRARIES: [&str; 5] = [
+    "armwire",
+    "armwire-feetech",
+    "armwire-bridge",
+    "armwire-sim",
+    "armwire-host",
+];
 const VERSION: &str = env!("CARGO_PKG_VERSION");
 /// Files that each package must contain in addition to its sources.
 const FILES: [&str; 4] = ["README.md", "CHANGELOG.md", "LICENSE-MIT", "LICENSE-APACHE"];

@@ -11,11 +11,11 @@ use crate::workspace::firmware;
 
 /// Targets of the crates without `std`.
 const NO_STD_TARGETS: [&str; 3] = ["thumbv6m-none-eabi", TARGET, "riscv32imc-unknown-none-elf"];
-const NO_STD: &str = "--package armwire --package armwire-bridge";
+const NO_STD: &str = "--package armwire --package armwire-feetech --package armwire-bridge";
 /// The supported systems other than Linux, and the crates for them, which need no C compiler.
 const OTHER_SYSTEMS: [&str; 2] = ["x86_64-pc-windows-gnu", "x86_64-apple-darwin"];
-const PORTABLE: &str =
-    "--package armwire --package armwire-bridge --package armwire-sim --package armwire-host --package armwire-cli";
+const PORTABLE: &str = "--package armwire --package armwire-feetech --package armwire-bridge --package armwire-sim \
+                        --package armwire-host --package armwire-cli";
 const LINK_TEST: &str =
     "--manifest-path=host-tests/benches/Cargo.toml --bin no-panic --features link-test,ling-legacy,bridge";
 /// The program whose instructions are counted.

@@ -1,0 +1,176 @@
+//! Requests and answers.
+
+use armwire::messages::Messages;
+use armwire::{BufferTooShort, Cause, MessageId, ParseError};
+
+use crate::{BROADCAST, Expect, Feetech, Key, MAX_FRAME, checksum};
+
+/// The highest id of a servo.
+pub const MAX_ID: u8 = 253;
+
+/// The codes of requests.
+pub(crate) mod code {
+    pub(crate) const PING: u8 = 0x01;
+    pub(crate) const READ: u8 = 0x02;
+    pub(crate) const WRITE: u8 = 0x03;
+    pub(crate) const REG_WRITE: u8 = 0x04;
+    pub(crate) const ACTION: u8 = 0x05;
+    pub(crate) const FACTORY_RESET: u8 = 0x06;
+    pub(crate) const REBOOT: u8 = 0x08;
+    pub(crate) const RESET_TURNS: u8 = 0x0A;
+    pub(crate) const SYNC_READ: u8 = 0x82;
+    pub(crate) const SYNC_WRITE: u8 = 0x83;
+}
+
+/// A packet of the host. `id` is a servo, 0 to 253, or [`BROADCAST`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+#[expect(missing_docs)]
+pub enum Request<'a> {
+    /// 01: asks for a status packet.
+    Ping { id: u8 },
+    /// 02: reads `len` registers from `address` on.
+    Read { id: u8, address: u8, len: u8 },
+    /// 03: writes registers from `address` on.
+    Write { id: u8, address: u8, data: &'a [u8] },
+    /// 04: stores a write for [`Action`](Self::Action).
+    RegWrite { id: u8, address: u8, data: &'a [u8] },
+    /// 05: executes the stored write.
+    Action { id: u8 },
+    /// 06: **restores the factory settings**, except for the id.
+    FactoryReset { id: u8 },
+    /// 08: restarts the servo. **Its torque is off afterwards: a load falls.**
+    Reboot { id: u8 },
+    /// 0A: zeroes the count of turns.
+    ResetTurns { id: u8 },
+    /// 82: reads the same registers of several servos. Each answers, in the order of `ids`.
+    SyncRead { address: u8, len: u8, ids: &'a [u8] },
+    /// 83: writes the same registers of several servos. `data` has for each its id and `len` bytes.
+    SyncWrite { address: u8, len: u8, data: &'a [u8] },
+}
+
+/// The name and code of a request, its id, its address and length, and the data after them.
+type Parts<'a> = (&'static str, u8, u8, [Option<u8>; 2], &'a [u8]);
+
+impl<'a> Request<'a> {
+    pub(crate) fn parts(&self) -> Parts<'a> {
+        let bare = |name, code, id| (name, code, id, [None; 2], &[][..]);
+        let sync = |name, code, head: [u8; 2], rest| (name, code, BROADCAST, head.map(Some), rest);
+        match *self {
+            Self::Ping { id } => bare("PING", code::PING, id),
+            Self::Read { id, address, len } => ("READ", code::READ, id, [Some(address), Some(len)], &[]),
+            Self::Write { id, address, data } => ("WRITE", code::WRITE, id, [Some(address), None], data),
+            Self::RegWrite { id, address, data } => ("REG_WRITE", code::REG_WRITE, id, [Some(address), None], data),
+            Self::Action { id } => bare("ACTION", code::ACTION, id),
+            Self::FactoryReset { id } => bare("FACTORY_RESET", code::FACTORY_RESET, id),
+            Self::Reboot { id } => bare("REBOOT", code::REBOOT, id),
+            Self::ResetTurns { id } => bare("RESET_TURNS", code::RESET_TURNS, id),
+            Self::SyncRead { address, len, ids } => sync("SYNC_READ", code::SYNC_READ, [address, len], ids),
+            Self::SyncWrite { address, len, data } => sync("SYNC_WRITE", code::SYNC_WRITE, [address, len], data),
+        }
+    }
+}
+
+/// The bits of a status packet's error byte, and of the register `status`: their names, the lowest first.
+pub const ERRORS: [&str; 8] = [
+    "voltage",
+    "sensor",
+    "temperature",
+    "current",
+    "bit 4",
+    "overload",
+    "bit 6",
+    "bit 7",
+];
+
+/// A packet of a servo.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Status<'a> {
+    /// The servo.
+    pub id: u8,
+    /// The bits of [`ERRORS`]. A request is executed whatever they are.
+    pub error: u8,
+    /// The registers that were read. They do not name their address.
+    pub data: &'a [u8],
+}
+
+/// Writes a packet.
+fn put(out: &mut [u8], id: u8, code: u8, data: impl Iterator<Item = u8> + Clone) -> Result<usize, BufferTooShort> {
+    let (needed, got) = (6 + data.clone().count(), out.len());
+    // A packet that no length byte can state has no error of its own.
+    let out = out.get_mut(..needed).filter(|_| needed <= MAX_FRAME);
+    let out = out.ok_or(BufferTooShort { needed, got })?;
+    let bytes = [0xFF, 0xFF, id, (needed - 4) as u8, code].into_iter().chain(data);
+    out.iter_mut().zip(bytes).for_each(|(to, byte)| *to = byte);
+    if let [_, _, covered @ .., last] = out {
+        *last = checksum(covered);
+    }
+    Ok(needed)
+}
+
+/// Returns true if the data of a SYNC_WRITE is an id and `len` bytes for each servo.
+fn is_for_each(len: u8, data: &[u8]) -> bool {
+    data.len().is_multiple_of(usize::from(len) + 1)
+}
+
+/// The id, the code and the data of a packet.
+fn split(frame: &[u8]) -> Result<(u8, u8, &[u8]), ParseError> {
+    let (message, cause) = (MessageId::None, Cause::Unknown);
+    match *frame {
+        [_, _, id, _, code, ref data @ .., _] => Ok((id, code, data)),
+        _ => Err(ParseError { message, cause }),
+    }
+}
+
+/// The error of a request whose code is unknown, or whose data does not have its length.
+fn refusal(code: u8, got: usize) -> ParseError {
+    let message = MessageId::Command(code);
+    let cause = match code {
+        code::READ => Cause::Length { expected: &[2], got },
+        code::PING | code::ACTION..=code::RESET_TURNS => Cause::Length { expected: &[0], got },
+        _ => Cause::Unknown,
+    };
+    ParseError { message, cause }
+}
+
+impl Messages for Feetech {
+    type Request<'a> = Request<'a>;
+    type Response<'a> = Status<'a>;
+
+    /// # Errors
+    ///
+    /// [`BufferTooShort`] also for a packet of more than [`MAX_FRAME`] bytes.
+    fn encode_request(&self, request: &Request<'_>, out: &mut [u8]) -> Result<usize, BufferTooShort> {
+        let (_, code, id, head, rest) = request.parts();
+        put(out, id, code, head.into_iter().flatten().chain(rest.iter().copied()))
+    }
+
+    fn parse_request<'a>(&self, frame: &'a [u8]) -> Result<Request<'a>, ParseError> {
+        let (id, code, data) = split(frame)?;
+        let (is_to_all, len_of_data) = (id == BROADCAST, data.len());
+        Ok(match (code, data) {
+            (code::PING, []) => Request::Ping { id },
+            (code::READ, &[address, len]) => Request::Read { id, address, len },
+            (code::WRITE, &[address, ref data @ ..]) => Request::Write { id, address, data },
+            (code::REG_WRITE, &[address, ref data @ ..]) => Request::RegWrite { id, address, data },
+            (code::ACTION, []) => Request::Action { id },
+            (code::FACTORY_RESET, []) => Request::FactoryReset { id },
+            (code::REBOOT, []) => Request::Reboot { id },
+            (code::RESET_TURNS, []) => Request::ResetTurns { id },
+            (code::SYNC_READ, &[address, len, ref ids @ ..]) if is_to_all => Request::SyncRead { address, len, ids },
+            (code::SYNC_WRITE, &[address, len, ref data @ ..]) if is_to_all && is_for_each(len, data) => {
+                Request::SyncWrite { address, len, data }
+            }
+            _ => return Err(refusal(code, len_of_data)),
+        })
+    }
+
+    fn encode_response(&self, status: &Status<'_>, _: Option<Key>, out: &mut [u8]) -> Result<usize, BufferTooShort> {
+        put(out, status.id, status.error, status.data.iter().copied())
+    }
+
+    fn parse_response<'a>(&self, frame: &'a [u8], _expect: Expect) -> Result<Status<'a>, ParseError> {
+        let (id, error, data) = split(frame)?;
+        Ok(Status { id, error, data })
+    }
+}
