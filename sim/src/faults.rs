@@ -221,6 +221,10 @@ impl<D: SerialDevice> SerialDevice for Line<D> {
         [self.to_device.due(), from].into_iter().flatten().min()
     }
 
+    fn set_baud(&mut self, baud: u32) {
+        self.device.set_baud(baud);
+    }
+
     fn is_gone(&self) -> bool {
         self.device.is_gone()
     }

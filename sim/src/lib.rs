@@ -6,6 +6,7 @@
 //! | [`ling`] | a Ling arm |
 //! | [`xarm`] | an xArm, and its server on TCP ports (Unix) |
 //! | [`alpha1`] | an Alpha1 robot, and its servos on a separate bus |
+//! | [`so101`] | an SO-101: six Feetech servos on one wire |
 //! | [`faults`] | a line that drops, corrupts, duplicates, delays and inserts bytes |
 //! | [`wire`] | a host and a device on a line in virtual time |
 //! | [`can`] | a frame on a CAN bus, and its duration |
@@ -14,6 +15,7 @@
 #![forbid(unsafe_code)]
 
 pub mod alpha1;
+mod angle;
 pub mod can;
 pub mod faults;
 pub mod ling;
@@ -23,5 +25,6 @@ pub mod serial;
 #[cfg(unix)]
 pub mod serve;
 pub mod slcan;
+pub mod so101;
 pub mod wire;
 pub mod xarm;

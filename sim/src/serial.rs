@@ -19,6 +19,9 @@ pub trait SerialDevice {
     /// output.
     fn poll_timeout(&self) -> Option<Instant>;
 
+    /// Takes the baud rate of the host. A device that hears every rate ignores it.
+    fn set_baud(&mut self, _baud: u32) {}
+
     /// Returns true if the device has left the line for good. It takes and sends no more bytes.
     fn is_gone(&self) -> bool {
         false

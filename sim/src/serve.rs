@@ -12,6 +12,9 @@ use crate::serial::SerialDevice;
 /// Maximum reaction time to the stop flag.
 const POLL_PERIOD: Duration = Duration::from_millis(100);
 
+/// The baud rate for a pty before its clients open it: a client that sets none, such as a shell, is then heard.
+pub const BAUD: u32 = 1_000_000;
+
 /// Byte counts of a pty.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
@@ -26,14 +29,23 @@ pub struct Served {
 
 /// Connects a device to a pty until `stop` is set or the device is gone. The reaction time is at most 100 ms.
 ///
-/// The device's time zero is the time of the call. A pty has no baud rate, so bytes take no time. The output of one
-/// instant is one write, so frames with a pause between them reach the client one by one.
+/// The device's time zero is the time of the call. The baud rate of a pty is a number without effect, which the device is
+/// told: bytes take no time. The output of one instant is one write, so frames with a pause between them reach the client
+/// one by one.
 ///
 /// # Errors
 ///
 /// Errors of the pty.
 pub fn serve(device: &mut impl SerialDevice, pty: &Pty, stop: &AtomicBool) -> io::Result<Served> {
-    let start = Instant::now();
+    serve_since(Instant::now(), device, pty, stop)
+}
+
+/// As [`serve`], with the device's time zero at `start`: another thread then knows the device's time.
+///
+/// # Errors
+///
+/// Errors of the pty.
+pub fn serve_since(start: Instant, device: &mut impl SerialDevice, pty: &Pty, stop: &AtomicBool) -> io::Result<Served> {
     let now = || time::Instant::from_micros(start.elapsed().as_micros().try_into().unwrap_or(u64::MAX));
     let mut served = Served::default();
     let mut input = [0; 256];
@@ -42,6 +54,9 @@ pub fn serve(device: &mut impl SerialDevice, pty: &Pty, stop: &AtomicBool) -> io
         let n = pty.read(&mut input)?;
         served.received += n as u64;
         let instant = now();
+        if n > 0 {
+            device.set_baud(pty.baud()?);
+        }
         for &byte in &input[..n] {
             device.receive(instant, byte);
         }

@@ -9,6 +9,7 @@ use armwire_sim::alpha1::{Alpha1Robot, BusConfig, RobotConfig, ServoBus};
 use armwire_sim::serial::SerialDevice;
 use clap::Args;
 
+use super::ids::ids;
 use super::line::{LineArgs, print_counts};
 use crate::call::values::made;
 use crate::error::Error;
@@ -59,17 +60,9 @@ impl FromStr for Ids {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let id = |text: &str| made(text, "an id from 1 to 240", ServoId::new);
-        let mut ids = Vec::new();
-        for part in text.split(',') {
-            let (first, last) = part.split_once('-').unwrap_or((part, part));
-            let (first, last) = (id(first)?, id(last)?);
-            if first > last {
-                return Err(format!("'{part}' is a descending range"));
-            }
-            ids.extend((first.get()..=last.get()).filter_map(|id| ServoId::new(id).ok()));
-        }
-        Ok(Self(ids))
+        let id = |text: &str| made(text, "an id from 1 to 240", ServoId::new).map(ServoId::get);
+        let ids = ids(text, id)?.into_iter();
+        Ok(Self(ids.filter_map(|id| ServoId::new(id).ok()).collect()))
     }
 }
 

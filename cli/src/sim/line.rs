@@ -8,7 +8,7 @@ use std::sync::atomic::AtomicBool;
 use armwire_sim::faults::{Line, Rates};
 use armwire_sim::pty::Pty;
 use armwire_sim::serial::{Counters, SerialDevice};
-use armwire_sim::serve::{Served, serve};
+use armwire_sim::serve::{BAUD, Served, serve};
 use clap::{Args, ValueEnum};
 
 use crate::error::Error;
@@ -89,6 +89,7 @@ impl LineArgs {
         let mut line = Line::new(device, to_device, from_device, self.seed);
 
         let pty = Pty::open(self.pty.as_deref()).map_err(not_served)?;
+        pty.set_baud(BAUD).map_err(not_served)?;
         print_line(format_args!("{name} is at {}; Ctrl-C ends it.", pty.path().display()))?;
         let served = serve(&mut line, &pty, stop).map_err(not_served)?;
         Ok((line, served))

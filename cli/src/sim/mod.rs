@@ -1,8 +1,10 @@
 //! `armwire sim`: a virtual arm that any program can open.
 
 mod alpha1;
+mod ids;
 mod line;
 mod ling;
+mod so101;
 mod xarm;
 
 use std::sync::atomic::AtomicBool;
@@ -23,6 +25,8 @@ pub(crate) enum Sim {
     Alpha1(alpha1::Alpha1Sim),
     /// Servos of an Alpha1 on a bus of their own.
     Alpha1Servo(alpha1::Alpha1ServoSim),
+    /// An SO-101: six Feetech servos on one wire, which fail on order.
+    So101(so101::So101Sim),
 }
 
 impl Sim {
@@ -32,6 +36,7 @@ impl Sim {
             Self::XArm(sim) => sim.run(stop),
             Self::Alpha1(sim) => sim.run(stop),
             Self::Alpha1Servo(sim) => sim.run(stop),
+            Self::So101(sim) => sim.run(stop),
         }
     }
 }

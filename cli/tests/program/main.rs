@@ -30,6 +30,7 @@ mod selftest;
 mod shell;
 mod signals;
 mod sim_ling;
+mod sim_so101;
 mod sim_xarm;
 mod stop;
 mod tcp;
