@@ -32,7 +32,6 @@ mod reserve;
 #[cfg(feature = "selftest")]
 pub mod selftest;
 mod signals;
-#[cfg(unix)]
 mod sim;
 mod status;
 mod stop;
@@ -68,7 +67,6 @@ struct Cli {
 #[derive(Subcommand)]
 enum Command {
     /// Run a virtual arm on a pseudo-terminal or on TCP ports.
-    #[cfg(unix)]
     #[command(subcommand)]
     Sim(sim::Sim),
     /// Identify the adapter and the arm on a port, and show the arm's state.
@@ -117,7 +115,7 @@ enum Command {
     /// firmware.
     Reserve(reserve::Reserve),
     /// Test an adapter board with a jumper from TX to RX in place of the arm. Takes two minutes.
-    #[cfg(all(feature = "selftest", target_os = "linux"))]
+    #[cfg(feature = "selftest")]
     Selftest(selftest::command::Selftest),
     /// Update an adapter's firmware, over USB: with dfu-util, or the drive of a Raspberry Pi Pico.
     Update(update::Update),
@@ -213,7 +211,6 @@ fn with_names(error: clap::Error, args: &[OsString]) -> clap::Error {
 
 fn run(command: &Command) -> Result<(), Error> {
     match command {
-        #[cfg(unix)]
         Command::Sim(sim) => sim.run(signals::catch()?),
         Command::Info(info) => info.run(),
         Command::List(list) => list.run(),
@@ -233,7 +230,7 @@ fn run(command: &Command) -> Result<(), Error> {
         Command::Config(config) => config.run(),
         Command::Counters(counters) => counters.run(),
         Command::Reserve(reserve) => reserve.run(signals::catch()?),
-        #[cfg(all(feature = "selftest", target_os = "linux"))]
+        #[cfg(feature = "selftest")]
         Command::Selftest(selftest) => selftest.run(signals::catch()?),
         Command::Update(update) => update.run(),
         #[cfg(feature = "shell")]

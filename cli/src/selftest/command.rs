@@ -42,6 +42,10 @@ pub(crate) struct Selftest {
 
 impl Selftest {
     pub(crate) fn run(&self, stop: &AtomicBool) -> Result<(), Error> {
+        if !cfg!(target_os = "linux") {
+            let text = "the self-test needs Linux: other systems let no program detach the driver of a serial port";
+            return Err(Error::at(&self.port, text));
+        }
         let plan = Plan {
             only: self.only.clone(),
             ..Plan::default()

@@ -1,5 +1,5 @@
-//! The adapter on the USB host of this computer, through `nusb`. Only Linux allows a program to detach the serial
-//! port's driver.
+//! The adapter on the USB host of this computer, through `nusb`. Only Linux lets a program detach the driver of a serial
+//! port, so that elsewhere it cannot be opened.
 
 use std::collections::VecDeque;
 use std::thread;
@@ -301,11 +301,11 @@ impl Usb for LinuxUsb {
     }
 
     fn control(&mut self, request: &Request<'_>) -> Result<Vec<u8>, UsbError> {
-        control(&self.adapter()?.device, request, CONTROL_TIMEOUT).map_err(transfer)
+        control(&self.adapter()?.requests, request, CONTROL_TIMEOUT).map_err(transfer)
     }
 
     fn cancel(&mut self, request: &Request<'_>, after: Duration) -> Result<bool, UsbError> {
-        match control(&self.adapter()?.device, request, after) {
+        match control(&self.adapter()?.requests, request, after) {
             Ok(_) => Ok(true),
             Err(TransferError::Cancelled) => Ok(false),
             Err(error) => Err(transfer(error)),
@@ -380,7 +380,7 @@ fn bulk(interface: &Interface, direction: Direction) -> u8 {
 }
 
 /// Makes a control transfer with a timeout.
-fn control(device: &Device, request: &Request<'_>, timeout: Duration) -> Result<Vec<u8>, TransferError> {
+fn control(interface: &Interface, request: &Request<'_>, timeout: Duration) -> Result<Vec<u8>, TransferError> {
     let control_type = match request.kind >> 5 & 3 {
         0 => ControlType::Standard,
         1 => ControlType::Class,
@@ -403,7 +403,7 @@ fn control(device: &Device, request: &Request<'_>, timeout: Duration) -> Result<
                 index,
                 length,
             };
-            device.control_in(setup, timeout).wait()
+            interface.control_in(setup, timeout).wait()
         }
         Payload::Write(data) => {
             let setup = ControlOut {
@@ -414,7 +414,7 @@ fn control(device: &Device, request: &Request<'_>, timeout: Duration) -> Result<
                 index,
                 data,
             };
-            device.control_out(setup, timeout).wait().map(|()| Vec::new())
+            interface.control_out(setup, timeout).wait().map(|()| Vec::new())
         }
     }
 }

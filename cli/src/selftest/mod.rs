@@ -21,14 +21,12 @@
 
 mod bench;
 mod cancelled;
-#[cfg(target_os = "linux")]
 pub(crate) mod command;
 mod descriptors;
 mod echo;
 mod endpoints;
 mod gaps;
 mod jumper;
-#[cfg(target_os = "linux")]
 mod linux;
 mod plan;
 mod report;

@@ -119,12 +119,11 @@ fn shown(command: &Command) -> String {
     text
 }
 
-#[cfg(test)]
+#[cfg(all(test, unix))]
 mod tests {
     use super::*;
 
     #[test]
-    #[cfg(unix)]
     fn name_is_shown_as_a_shell_takes_it() {
         for (name, word) in [
             ("new.dfu", "new.dfu"),

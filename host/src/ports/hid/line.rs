@@ -206,22 +206,22 @@ mod tests {
         assert_eq!(line.reports.written, 2);
     }
 
-    /// A device that the user may not use.
-    struct Denied;
-
-    impl Reports for Denied {
-        fn read(&mut self, _: &mut [u8; REPORT], _: Duration) -> Result<usize, Failure> {
-            Err(Failure::Denied)
-        }
-
-        fn write(&mut self, _: &[u8; REPORT]) -> Result<(), Failure> {
-            Err(Failure::Denied)
-        }
-    }
-
     #[cfg(target_os = "linux")]
     #[test]
     fn udev_rule_names_the_devices_own_ids() {
+        /// A device that the user may not use.
+        struct Denied;
+
+        impl Reports for Denied {
+            fn read(&mut self, _: &mut [u8; REPORT], _: Duration) -> Result<usize, Failure> {
+                Err(Failure::Denied)
+            }
+
+            fn write(&mut self, _: &[u8; REPORT]) -> Result<(), Failure> {
+                Err(Failure::Denied)
+            }
+        }
+
         let mut line = HidLine::new("hid:1234:abcd".to_owned(), (0x1234, 0xabcd), Denied);
         let error = line.write(&[1]).unwrap_err().to_string();
         let ids = "ATTRS{idVendor}==\"1234\", ATTRS{idProduct}==\"abcd\"";

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use armwire::Device;
 use armwire::xarm::{MAX_FRAME, XArm};
 use rustix::event::PollFlags;
-use rustix::net::sockopt::{set_socket_keepalive, set_tcp_keepidle};
+use socket2::{SockRef, TcpKeepalive};
 
 use super::Port;
 
@@ -139,9 +139,7 @@ impl Client {
 pub(super) fn prepare(stream: &TcpStream) -> io::Result<()> {
     stream.set_nonblocking(true)?;
     stream.set_nodelay(true)?;
-    set_socket_keepalive(stream, true)?;
-    set_tcp_keepidle(stream, KEEP_ALIVE_AFTER)?;
-    Ok(())
+    SockRef::from(stream).set_tcp_keepalive(&TcpKeepalive::new().with_time(KEEP_ALIVE_AFTER))
 }
 
 pub(super) fn is_nothing_yet(error: &io::Error) -> bool {
