@@ -16,6 +16,11 @@ extern "C" fn armwire_panicked() -> ! {
     }
 }
 
+// The tables for unwinding in Rust's own libraries refer to it on 32-bit Arm under Linux. Nothing unwinds. A program with
+// Rust's standard library has it.
+#[cfg(all(target_arch = "arm", target_os = "linux"))]
+core::arch::global_asm!(".weak rust_eh_personality", ".set rust_eh_personality, 0");
+
 /// Panics if `index` is over 2.
 #[cfg(feature = "prove-panic")]
 #[unsafe(no_mangle)]
