@@ -51,6 +51,11 @@
 //! A [`Reader`] reads the pose of an arm in a thread of its own: [`latest`](Reader::latest) never waits, and
 //! [`at`](Reader::at) has the pose at the time of an image. Commands go on through the [`Shared`] arm.
 //!
+//! # Joints of other programs
+//!
+//! A robot's model, a data set or another program may have other names, units and zeros of the joints: a
+//! [joints file](joints_file) has them, with limits.
+//!
 //! # Errors
 //!
 //! An [`Error`] says what was wrong, and where. As in [`armwire`], its text has the cause, and `source` returns none. It

@@ -618,7 +618,7 @@ def one_arm(participant):
         (dict(points=[[0, 1.1, 0, 0, 0, 0]], seconds_each=2.0), 'point 0: "joint2" at 1.1 is out of range'),
         (dict(points=[[4, 0, 0, 0, 0, 0]], seconds_each=2.0), 'point 0: "joint1" at 4 is out of range'),
         (dict(points=[[math.nan, 0, 0, 0, 0, 0]]), 'point 0: positions of "joint1" is NaN'),
-        (dict(points=[[3, 0, 0, 0, 0, 0]], seconds_each=0.1), 'point 0: "joint1" would move at'),
+        (dict(points=[[3, 0, 0, 0, 0, 0]], seconds_each=0.1), 'point 0: "joint1" would move by'),
         (dict(points=[goal, goal], seconds_each=0.0), "point 1: time_from_start is not later"),
         (dict(points=[goal], stamp=Time_(int(old), 0)), "header.stamp is"),
         (dict(points=[goal], velocities=[0.0]), "point 0 has 1 velocities for 6 joints"),
@@ -732,6 +732,29 @@ def soon(seconds):
     """A stamp in this time."""
     at = time.time() + seconds
     return Time_(int(at), int(at % 1 * 1e9))
+
+
+def vendors_model(participant):
+    sim, port = virtual_arm("model", "--plant", "ideal")
+    joints = os.path.join(os.path.dirname(__file__), "../../examples/joints/alicia-d-moveit.toml")
+    node = start("armwire-ros2", "--arm", f"alicia_d=ling:{port}", "--rmw", "cyclonedds", "--joints", joints)
+    peer = Peer(participant, "alicia_d")
+    matched(participant, [peer])
+    peer.set_torque(True)
+    names = [*(f"Joint{n}" for n in range(1, 7)), "Gripper"]
+    # A finger of the gripper with 50 mm: 0 is open, and -0.025 closed.
+    peer.send([[*GOAL, -0.02]], names=names)
+    until(lambda: peer.is_at(GOAL) and abs(peer.latest.position[6] + 0.02) < 1e-4, 5, "the model is at its goal")
+    assert list(peer.latest.name) == names, peer.latest
+    peer.send([[0.02]], names=["Gripper"])
+    refusal = 'trajectory refused: point 0: "Gripper" at 0.02 is out of range -0.0250 to 0.0000'
+    until(lambda: peer.value("last_warning") == refusal, 5, "refused: a finger beyond the open end")
+    end(node)
+    read = [os.path.join(PROGRAMS, "armwire"), "call", "ling", port, "read-joints"]
+    pose = subprocess.run(read, check=True, capture_output=True, text=True).stdout
+    assert "gripper: 20.0 % open" in pose, pose
+    end(sim)
+    passed("an arm has the names and units of the vendor's model")
 
 
 def trajectories(participant):
@@ -1106,6 +1129,7 @@ if __name__ == "__main__":
     participant = DomainParticipant(0)
     try:
         one_arm(participant)
+        vendors_model(participant)
         trajectories(participant)
         action(participant)
         slow_readings(participant)

@@ -286,7 +286,8 @@ impl Track {
     /// The motion: its goals if there are any, else the readings.
     fn into_recorded(self, wanted: &Wanted<'_>) -> Result<Recorded, String> {
         let (source, poses) = if self.kind == Kind::JointStates {
-            let poses = timed(&self.joints)?.map(|(at, named)| pose(at, named, wanted.joints));
+            let names = Names::new(wanted.joints);
+            let poses = timed(&self.joints)?.map(|(at, named)| names.pose(at, named));
             (Source::JointStates, poses.collect::<Result<Vec<_>, _>>()?)
         } else if self.goals.len() > 1 && !wanted.are_readings {
             let pose = |(at, target): (i64, &Move)| Pose {
@@ -371,45 +372,58 @@ fn in_order(mut poses: Vec<Pose>) -> (Vec<Pose>, Vec<String>) {
     (kept, warnings)
 }
 
-/// The pose in joint states: all joints of the file of joints, and perhaps the gripper. Without a file those of this
-/// project, in rad and m.
-fn pose(at: i64, named: &NamedJoints, stated: Option<&Joints>) -> Result<Pose, String> {
-    let defaults = Joints::default();
-    let joints = stated.unwrap_or(&defaults);
-    let mut positions = [None; JOINTS];
-    let mut gripper = None;
-    for (name, value) in &named.positions {
-        let Some(axis) = joints.position(name) else {
-            let name = cut(name);
-            return Err(match stated {
-                Some(joints) => format!("the joint '{name}' is none of {} (--joints)", joints.names()),
-                None => format!(
-                    "the unit of '{name}' is not known: replayed are joint1 to joint{JOINTS} in rad, and gripper in m \
-                     (--joints FILE names others)"
-                ),
-            });
-        };
-        let arm = joints.all[axis].scale.arm(*value);
-        let is_repeated = match positions.get_mut(axis) {
-            Some(position) => {
-                let new = Position::from_radians(arm as f32);
-                position
-                    .replace(new.map_err(|error| format!("{name}: {error}"))?)
-                    .is_some()
-            }
-            None => gripper.replace(Gripper::Metres(arm)).is_some(),
-        };
-        if is_repeated {
-            return Err(format!("{name} is there twice"));
+/// The names and units in joint states.
+struct Names {
+    joints: Joints,
+    /// They are those of a file of joints, and not those of this project.
+    are_stated: bool,
+}
+
+impl Names {
+    fn new(stated: Option<&Joints>) -> Self {
+        Self {
+            joints: stated.cloned().unwrap_or_default(),
+            are_stated: stated.is_some(),
         }
     }
-    match positions.iter().position(Option::is_none) {
-        Some(missing) => Err(format!("{} is missing", joints.all[missing].name)),
-        None => Ok(Pose {
-            at,
-            joints: positions.map(|position| position.unwrap_or(Position::CENTRE)),
-            gripper: gripper.unwrap_or(Gripper::Unknown),
-        }),
+
+    /// The pose in joint states, which name all joints, and perhaps the gripper.
+    fn pose(&self, at: i64, named: &NamedJoints) -> Result<Pose, String> {
+        let mut positions = [None; JOINTS];
+        let mut gripper = None;
+        for (name, value) in &named.positions {
+            let axis = self.joints.axis(name).ok_or_else(|| self.unknown(name))?;
+            let arm = self.joints.all[axis].scale.arm(*value);
+            let is_repeated = match positions.get_mut(axis) {
+                Some(position) => {
+                    let new = Position::from_radians(arm as f32).map_err(|error| format!("{name}: {error}"))?;
+                    position.replace(new).is_some()
+                }
+                None => gripper.replace(Gripper::Metres(arm)).is_some(),
+            };
+            if is_repeated {
+                return Err(format!("{name} is there twice"));
+            }
+        }
+        match positions.iter().position(Option::is_none) {
+            Some(missing) => Err(format!("{} is missing", self.joints.all[missing].name)),
+            None => Ok(Pose {
+                at,
+                joints: positions.map(|position| position.unwrap_or(Position::CENTRE)),
+                gripper: gripper.unwrap_or(Gripper::Unknown),
+            }),
+        }
+    }
+
+    fn unknown(&self, name: &str) -> String {
+        let name = cut(name);
+        match self.are_stated {
+            true => format!("the joint '{name}' is none of {} (--joints)", self.joints.names()),
+            false => format!(
+                "the unit of '{name}' is not known: replayed are joint1 to joint{JOINTS} in rad, and gripper in m \
+                 (--joints FILE names others)"
+            ),
+        }
     }
 }
 

@@ -287,7 +287,7 @@ fn wrong_file_of_joints_is_named_with_its_place() {
     for (text, reason) in [
         (
             "[a.joints]\njoint1 = { factor = 0 }",
-            "\"a\": joint1: factor 0 is not a finite number other than 0",
+            "\"a\": joint1: factor 0.0 is not within 1e-9 to 1e9, or the negative of it",
         ),
         ("[a.joints]\njoint1 = { factr = 1 }", "line 2: unknown field `factr`"),
         (

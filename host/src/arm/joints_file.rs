@@ -5,6 +5,7 @@
 use std::collections::{BTreeMap, HashSet};
 use std::f64::consts::PI;
 use std::fs;
+use std::ops::RangeInclusive;
 use std::path::Path;
 use std::time::Duration;
 
@@ -27,6 +28,11 @@ const GOAL_TOLERANCE: f64 = 0.05;
 
 /// The part of a range by which a limit may miss its end: a factor such as that of degrees is rounded.
 const ROUNDING: f64 = 1e-9;
+
+/// The sizes of factors: 64 bits keep every tick.
+const FACTORS: RangeInclusive<f64> = 1e-9..=1e9;
+/// The maximum size of an offset, in times the factor.
+const MAX_OFFSET: f64 = 1e6;
 
 /// The unit and the zero of a joint: `value = factor × arm + offset`. `arm` is the arm's angle in rad, or the opening of
 /// its gripper in m, where 0 is closed. A negative factor turns the direction.
@@ -57,13 +63,17 @@ impl Scale {
     ///
     /// # Errors
     ///
-    /// In words: a factor of 0, and one or an offset that is not finite.
+    /// In words: a factor whose size is not 1e-9 to 1e9, such as 0, and an offset of more than a million times its size.
     pub fn new(factor: f64, offset: f64) -> Result<Self, String> {
-        if factor == 0.0 || !factor.is_finite() {
-            return Err(format!("factor {factor} is not a finite number other than 0"));
+        let (size, max_offset) = (factor.abs(), MAX_OFFSET * factor.abs());
+        if !FACTORS.contains(&size) {
+            let (min, max) = (FACTORS.start(), FACTORS.end());
+            return Err(format!(
+                "factor {factor:?} is not within {min:e} to {max:e}, or the negative of it"
+            ));
         }
-        if !offset.is_finite() {
-            return Err(format!("offset {offset} is not a finite number"));
+        if !(-max_offset..=max_offset).contains(&offset) {
+            return Err(format!("offset {offset:?} is not within ±{max_offset}"));
         }
         Ok(Self { factor, offset })
     }
@@ -138,7 +148,7 @@ impl Joints {
     }
 
     /// The number of the joint with this name, from 0; that of the gripper is the last.
-    pub fn position(&self, name: &str) -> Option<usize> {
+    pub fn axis(&self, name: &str) -> Option<usize> {
         self.all.iter().position(|joint| joint.name == name)
     }
 
@@ -407,11 +417,18 @@ mod tests {
 
     #[test]
     fn every_value_survives_its_scale() {
-        for (factor, offset) in [(1.0, 0.0), (-1.0, 0.0), (57.3, -180.0), (-0.5, 0.025)] {
+        for (factor, offset) in [
+            (1.0, 0.0),
+            (-1.0, 0.0),
+            (57.3, -180.0),
+            (-0.5, 0.025),
+            (1e-9, 1e-3),
+            (-1e9, 1e15),
+        ] {
             let scale = Scale::new(factor, offset).unwrap();
             for ticks in 0..=Position::MAX.ticks() {
                 let arm = f64::from(Position::new(ticks).unwrap().radians());
-                assert!((scale.arm(scale.value(arm)) - arm).abs() < 1e-12, "{scale:?} {arm}");
+                assert!((scale.arm(scale.value(arm)) - arm).abs() < 1e-9, "{scale:?} {arm}");
             }
         }
     }
@@ -430,7 +447,7 @@ mod tests {
             "[a]\n[b.joints]\njoint1 = { name = \"x\" }",
         );
         for (text, name) in [(one, None), (one, Some("a")), (two, Some("b"))] {
-            assert_eq!(read(text, name).unwrap().position("x"), Some(0));
+            assert_eq!(read(text, name).unwrap().axis("x"), Some(0));
         }
         for (text, name, reason) in [
             (one, Some("c"), "it does not have the arm \"c\", but: a"),
@@ -479,6 +496,14 @@ mod tests {
             ),
             ("[left.joints]\njoint1 = { path_tolerance = inf }", "path_tolerance inf"),
             (
+                "[left.joints]\njoint2 = { factor = 1e300 }",
+                "joint2: factor 1e300 is not",
+            ),
+            (
+                "[left.joints]\njoint2 = { factor = -0.5, offset = 1e16 }",
+                "joint2: offset 1e16 is not within ±500000",
+            ),
+            (
                 "[left.joints]\njoint1 = { name = \"joint2\" }",
                 "two joints have the name \"joint2\"",
             ),
@@ -488,7 +513,7 @@ mod tests {
             ),
             (
                 "[left.joints]\njoint2 = { factor = 0 }",
-                "\"left\": joint2: factor 0 is not a finite number other than 0",
+                "\"left\": joint2: factor 0.0 is not within 1e-9 to 1e9, or the negative of it",
             ),
             ("[left.joints]\njoint2 = { factor = nan }", "joint2: factor NaN is not"),
             (
@@ -497,7 +522,7 @@ mod tests {
             ),
             (
                 "[left.joints]\ngripper = { offset = inf }",
-                "\"left\": gripper: offset inf is not a finite number",
+                "\"left\": gripper: offset inf is not within ±1000000",
             ),
             (
                 "[left.joints]\ngripper = { max = 0.04 }",
