@@ -80,7 +80,7 @@ fn publish() -> Result<()> {
 }
 
 /// The packages, as arguments of cargo.
-fn selection() -> [String; 5] {
+fn selection() -> [String; PACKAGES.len()] {
     PACKAGES.map(|package| format!("--package={package}"))
 }
 
