@@ -1,14 +1,18 @@
 //! The built program with an adapter's control port: state, configuration, line, and refusals.
 
 use std::io::{BufRead, BufReader};
-use std::process::Command;
+use std::process::{Command, Output};
+use std::thread;
+use std::time::Instant;
 
 use armwire_bridge::start::Recovery;
 use armwire_sim::pty::Pty;
 use rustix::process::{Pid, Signal, kill_process};
 
 use crate::common::board::Board;
-use crate::common::{PROGRAM, angles, failure, finish, retry_while, retry_while_busy, run, start, success, usage};
+use crate::common::{
+    PROGRAM, TIMEOUT, angles, failure, finish, retry_while, retry_while_busy, run, start, success, usage,
+};
 use crate::stop::stop_by_the_port;
 
 /// The factory configuration, as printed.
@@ -29,6 +33,45 @@ host-timeout.torque-off=off
 /// The name of the control port in messages.
 fn name(board: &Board) -> &str {
     board.control.strip_prefix("control:").unwrap()
+}
+
+/// Runs a program with a pty for PORT on which these bytes do not end.
+fn run_flooded(args: &[&str], bytes: &[u8]) -> Output {
+    let pty = Pty::open(None).unwrap();
+    let port = pty.path().to_str().unwrap();
+    let args = args.iter().map(|arg| arg.replace("PORT", port));
+    let mut child = start(Command::new(PROGRAM).args(args));
+    let deadline = Instant::now() + TIMEOUT;
+    while child.try_wait().unwrap().is_none() && Instant::now() < deadline {
+        let _ = pty.read(&mut [0; 256]).unwrap();
+        if pty.write(bytes).unwrap() == 0 {
+            thread::yield_now();
+        }
+    }
+    finish(child)
+}
+
+#[test]
+fn flooded_control_port_gets_a_sentence() {
+    let text = b"temperature 25.3 C\r\n".repeat(20);
+    let messages: Vec<u8> = (0..=255).cycle().take(4_000).collect();
+    for (args, bytes) in [
+        (&["counters", "control:PORT"][..], &text),
+        (&["config", "control:PORT"], &messages),
+        (&["reserve", "control:PORT"], &messages),
+        (&["stop", "control:PORT"], &text),
+    ] {
+        let line = failure(&run_flooded(args, bytes));
+        let cause = "the adapter does not answer in 3000 ms, and ";
+        assert!(
+            line.contains(cause) && line.contains(" bytes arrive that are no message of it (first bytes: "),
+            "{line}"
+        );
+        assert!(
+            line.ends_with("): is it the control port of an armwire adapter?"),
+            "{line}"
+        );
+    }
 }
 
 #[test]

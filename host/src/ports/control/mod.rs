@@ -13,6 +13,7 @@ use armwire_bridge::control::{
     Subscription,
 };
 
+use crate::describe::hex;
 use crate::error::Error;
 use crate::error::received::Missing;
 use crate::error::text::{Remedy, Text};
@@ -57,6 +58,34 @@ pub(crate) trait Transport: Send {
 
     /// A hint for an adapter that does not reply.
     fn hint(&self) -> String;
+
+    /// The bytes that have arrived and are no message. A transport of whole messages has none.
+    fn strays(&self) -> Strays {
+        Strays::default()
+    }
+}
+
+/// Bytes that are no message.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Strays {
+    count: usize,
+    /// The first of them.
+    first: Vec<u8>,
+}
+
+impl Strays {
+    fn extend(&mut self, bytes: &[u8]) {
+        self.append(bytes.len(), bytes);
+    }
+
+    /// Appends this number of bytes, which begin with these.
+    fn append(&mut self, count: usize, first: &[u8]) {
+        /// The number of bytes that are kept.
+        const KEPT: usize = 16;
+        self.count = self.count.saturating_add(count);
+        let room = KEPT - self.first.len();
+        self.first.extend(first.iter().take(room));
+    }
 }
 
 /// A stream of messages in COBS, each ended by a zero.
@@ -67,6 +96,10 @@ struct Stream {
     rest: VecDeque<u8>,
     /// True after the end of a first message: earlier bytes may be the rest of one.
     is_in_step: bool,
+    /// The bytes of the message that is being read.
+    message: Strays,
+    /// The bytes of messages that could not be read.
+    strays: Strays,
 }
 
 /// The sequence number before the first request of a link. A reply to an earlier program, or to an earlier link of this
@@ -86,6 +119,8 @@ impl Adapter {
             reader: Reader::new(),
             rest: VecDeque::new(),
             is_in_step: false,
+            message: Strays::default(),
+            strays: Strays::default(),
         }))
     }
 
@@ -119,9 +154,13 @@ impl Adapter {
         self.transport.send(&FromHost { sequence, request })?;
         let until = Instant::now() + REPLY_TIMEOUT;
         let mut malformed = None;
+        // The reply may be behind events that have arrived while this process did not run.
+        let mut overdue = MAX_EVENTS;
         loop {
             let left = until.saturating_duration_since(Instant::now());
-            match self.transport.receive(left)? {
+            let received = self.transport.receive(left)?;
+            overdue -= usize::from(left.is_zero());
+            match received {
                 Some(Ok(FromAdapter::Reply { sequence: of, reply })) if of == sequence => {
                     let reply = self.checked(reply)?;
                     if let Request::Subscribe(to) = request {
@@ -135,25 +174,20 @@ impl Adapter {
                 // To a request that was given up.
                 Some(Ok(FromAdapter::Reply { .. })) => {}
                 Some(Ok(FromAdapter::Event { at, event })) => self.keep(Ok((at, event))),
-                Some(Err(error)) if error.sequence == Some(sequence) => return Err(self.malformed(error)),
+                // Behind more bytes than a message has, it is one by chance.
+                Some(Err(error)) if error.sequence == Some(sequence) && self.transport.strays().count <= MAX_COBS => {
+                    return Err(self.malformed(error));
+                }
                 // Perhaps an event of newer firmware.
                 Some(Err(error)) => {
                     malformed = Some(error);
                     self.keep(Err(error));
                 }
-                None if left.is_zero() => {
-                    return Err(match malformed {
-                        Some(error) => self.malformed(error),
-                        None => Error::NoAnswer {
-                            name: self.name().into(),
-                            cause: format!("the adapter does not answer in {} ms", REPLY_TIMEOUT.as_millis()).into(),
-                            hint: self.transport.hint().into(),
-                            missing: Missing::Adapter,
-                            bytes: 0,
-                        },
-                    });
-                }
+                None if left.is_zero() => overdue = 0,
                 None => {}
+            }
+            if overdue == 0 {
+                return Err(self.no_answer(malformed));
             }
         }
     }
@@ -249,6 +283,30 @@ impl Adapter {
             format!("a message of the adapter cannot be read ({error}): is its firmware newer than this program?");
         Error::at(self.name(), reason)
     }
+
+    /// The error of a missing reply. A message may have been malformed meanwhile.
+    fn no_answer(&self, malformed: Option<Malformed>) -> Error {
+        let strays = self.transport.strays();
+        let arrived = match (strays.count, malformed) {
+            (0, Some(error)) => return self.malformed(error),
+            (0, None) => String::new(),
+            (count, _) => format!(
+                ", and {count} bytes arrive that are no message of it (first bytes: {})",
+                hex(&strays.first)
+            ),
+        };
+        Error::NoAnswer {
+            name: self.name().into(),
+            cause: format!(
+                "the adapter does not answer in {} ms{arrived}",
+                REPLY_TIMEOUT.as_millis()
+            )
+            .into(),
+            hint: self.transport.hint().into(),
+            missing: Missing::Adapter,
+            bytes: strays.count,
+        }
+    }
 }
 
 impl fmt::Debug for Adapter {
@@ -319,25 +377,40 @@ impl Transport for Stream {
 
     fn receive(&mut self, wait: Duration) -> Result<Option<Received>, Error> {
         let until = after(wait);
+        let mut is_over = false;
         loop {
-            let unread = self.reader.push(self.rest.make_contiguous()).len();
-            self.rest.drain(..self.rest.len() - unread);
+            let bytes = self.rest.make_contiguous();
+            let read = bytes.len() - self.reader.push(bytes).len();
+            self.message.extend(&bytes[..read]);
+            self.rest.drain(..read);
             let message = self.reader.next();
             if let Some(message) = message {
+                let bytes = std::mem::take(&mut self.message);
+                if message.is_err() {
+                    self.strays.append(bytes.count, &bytes.first);
+                }
                 let is_in_step = std::mem::replace(&mut self.is_in_step, true);
                 if is_in_step || message.is_ok() {
                     return Ok(Some(message));
                 }
                 continue;
             }
+            // Bytes that do not end do not extend the wait.
+            if is_over {
+                return Ok(None);
+            }
             let left = until.saturating_duration_since(Instant::now());
+            is_over = left.is_zero();
             let mut buf = [0; 512];
             let n = self.line.read(&mut buf, left)?;
             self.rest.extend(&buf[..n]);
-            if n == 0 && left.is_zero() {
-                return Ok(None);
-            }
         }
+    }
+
+    fn strays(&self) -> Strays {
+        let mut strays = self.strays.clone();
+        strays.append(self.message.count, &self.message.first);
+        strays
     }
 
     fn hint(&self) -> String {
@@ -558,6 +631,37 @@ mod tests {
         let error = adapter.next_event(Duration::ZERO).unwrap_err().to_string();
         assert!(error.contains("cannot be read"), "{error}");
         assert_eq!(adapter.next_event(Duration::ZERO).unwrap(), None);
+    }
+
+    /// A port on which bytes do not end: these, again and again.
+    struct Flooded(&'static [u8]);
+
+    impl Line for Flooded {
+        fn name(&self) -> &str {
+            "fake"
+        }
+
+        fn read(&mut self, buf: &mut [u8], _: Duration) -> Result<usize, Error> {
+            let bytes = self.0.iter().cycle();
+            buf.iter_mut().zip(bytes).for_each(|(to, byte)| *to = *byte);
+            Ok(buf.len())
+        }
+
+        fn write(&mut self, bytes: &[u8]) -> Result<usize, Error> {
+            Ok(bytes.len())
+        }
+
+        fn hint(&self, _: Reception, _: Names) -> Text {
+            Text::default()
+        }
+    }
+
+    #[test]
+    fn bytes_without_end_are_no_event() {
+        for bytes in [&b"25.3 C\r\n"[..], &[0], &[0xFF]] {
+            let mut adapter = Adapter::on_line(Box::new(Flooded(bytes)));
+            assert_eq!(adapter.next_event(Duration::ZERO).unwrap(), None, "{bytes:02X?}");
+        }
     }
 
     #[test]
