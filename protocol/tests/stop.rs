@@ -271,6 +271,11 @@ fn joint_that_obeyed_and_leaves_is_moved_by_another() {
         }
     };
     assert_eq!(error, StopError::MovedByAnother { joint: 3 });
+    // Readings do not tell a program from a hand that pushes.
+    assert_eq!(
+        error.to_string(),
+        "joint 3 left the hold: another program or a force moves it"
+    );
     assert_eq!(moves, 5, "it is not fought");
 }
 

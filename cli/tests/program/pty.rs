@@ -157,7 +157,10 @@ fn full_port_is_reported_as_stuck() {
     }
     for command in ["info", "monitor"] {
         let line = failure(&run(&[command, pty.path().to_str().unwrap()]));
-        assert!(line.ends_with("accepts no bytes: is the adapter stuck?"), "{line}");
+        assert!(
+            line.ends_with("accepts no bytes: is the device behind it stuck?"),
+            "{line}"
+        );
     }
 }
 
@@ -338,6 +341,31 @@ fn missing_answer_names_another_user_of_the_port() {
          one first"
     );
     assert!(line.ends_with(&user), "{line}");
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn stolen_bytes_of_answers_blame_no_cable() {
+    let mut thief = None;
+    let output = run_against(&["call", "ling", "PORT", "read-joints"], |_, pty, _| {
+        thief.get_or_insert_with(|| {
+            let theirs = fs::File::open(pty.path()).unwrap();
+            Command::new("sleep").arg("600").stdin(theirs).spawn().unwrap()
+        });
+        // The thief has read the rest.
+        let answer = joints(2_048, 0);
+        pty.write(&answer[..answer.len() / 2]).unwrap();
+    });
+    let mut thief = thief.unwrap();
+    thief.kill().unwrap();
+    thief.wait().unwrap();
+    let line = failure(&output);
+    assert!(line.contains("the answers arrive damaged"), "{line}");
+    let user = format!(
+        "the port is also open in another program, sleep (process {}), ",
+        thief.id()
+    );
+    assert!(line.contains(&user) && !line.contains("cable"), "{line}");
 }
 
 #[test]

@@ -96,7 +96,8 @@ pub enum Error {
     ModeNotApplied { name: Outside, cause: ModeError },
     /// The arm in motion did not answer for [`Ling::SILENCE`](crate::Ling::SILENCE), and was asked to stop.
     Unanswered { name: Outside, silence: Box<SilentMotion> },
-    /// The arm did not reach its target: it is at rest elsewhere, or it still moves after this limit and may move on.
+    /// The arm did not reach its target: it is at rest elsewhere, or was not seen at rest within this limit and may
+    /// move on.
     NotReached {
         name: Outside,
         state: JointState,
@@ -235,7 +236,7 @@ impl Error {
                 "the torque is on, and was off before the port was lost, so nothing was sent: switch it first",
             ),
             Self::InUse { name, user } => at(name, &format!("in use by {user}: close that one first")),
-            Self::Stuck { name } => at(name, "the port accepts no bytes: is the adapter stuck?"),
+            Self::Stuck { name } => at(name, "the port accepts no bytes: is the device behind it stuck?"),
             Self::Legacy { name, legacy } => at(name, &format!("this is {legacy}")).remedy(Remedy::Listen),
             Self::NoAnswer { name, cause, hint, .. } => at(name, &format!("{cause}: ")).append(hint),
             Self::TorqueOff { name, status, effect } => {
@@ -271,7 +272,7 @@ impl Error {
                 let what = match (limit, away) {
                     (None, None) => "target not reached".to_owned(),
                     (None, Some(away)) => format!("at rest away from the target: {away}"),
-                    (Some(limit), None) => format!("still moves after {} s", limit.as_secs_f32()),
+                    (Some(limit), None) => format!("not seen at rest after {} s", limit.as_secs_f32()),
                     (Some(limit), Some(away)) => {
                         format!("target not reached after {} s: {away}", limit.as_secs_f32())
                     }

@@ -23,6 +23,9 @@ pub enum Missing {
     Foreign,
 }
 
+/// A hint for answers that come too late.
+pub(crate) const LATE_HINT: &str = "is the arm, the line or this computer overloaded?";
+
 /// The bytes received instead of an answer.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Received {
@@ -82,11 +85,11 @@ impl Received {
             ),
             (Missing::Late, _) => (
                 format!("the answer came too late, {attempts} in {millis} ms"),
-                "is the arm or the line overloaded?".into(),
+                LATE_HINT.into(),
             ),
             (Missing::Damaged, _) => (
                 format!("the answers arrive damaged ({count} bytes, wrong checksums: {checksums})"),
-                "check cable, ground and power".into(),
+                "check cable, ground and power, and that no other program has the port".into(),
             ),
             (Missing::Elsewhere, _) => (
                 format!("frames arrive, but not the answer, {attempts}"),
@@ -132,6 +135,20 @@ mod tests {
     fn attempts_are_counted_in_words() {
         let cause = |sends| line(Received { sends, ..received(&[]) });
         assert!(cause(1).contains(" 1 attempt:") && cause(3).contains(" 3 attempts:"));
+    }
+
+    #[test]
+    fn hints_name_no_culprit_alone() {
+        let late = Received {
+            late: 1,
+            ..received(&[1])
+        };
+        assert!(line(late).ends_with("is the arm, the line or this computer overloaded?"));
+        let damaged = Received {
+            checksums: 1,
+            ..received(&[1])
+        };
+        assert!(line(damaged).ends_with(", and that no other program has the port"));
     }
 
     #[test]

@@ -13,7 +13,7 @@ pub const VENDOR_AND_PRODUCT: (u16, u16) = (0x1209, 0x0001);
 pub enum UsbFault {
     /// The system does not allow it to this user.
     PermissionDenied,
-    /// Another program has the port.
+    /// Another program has the port, or another object of this one.
     Busy,
     /// The adapter was disconnected.
     Disconnected,
@@ -34,7 +34,9 @@ impl Display for UsbFault {
                 )
             }
             Self::PermissionDenied => f.write_str("permission denied for the control port"),
-            Self::Busy => f.write_str("the control port is in use by another program: close that one first"),
+            Self::Busy => {
+                f.write_str("the control port is in use, by another program or by this one: close that use first")
+            }
             Self::Disconnected => f.write_str("the adapter was disconnected: was it unplugged?"),
             Self::Other(reason) => write!(f, "the control port cannot be opened: {reason}"),
         }

@@ -111,8 +111,10 @@ impl Line for Tcp {
     fn read(&mut self, buf: &mut [u8], wait: Duration) -> Result<usize, Error> {
         match self.read_within(buf, wait) {
             Ok(0) => {
-                let reason =
-                    "the arm closed the connection: is it switched off, or does it accept no more connections?";
+                let peer = self.peer();
+                let reason = format_args!(
+                    "the {peer} closed the connection: is it switched off, or does it accept no more connections?"
+                );
                 Err(Error::lost(&self.name, reason))
             }
             Ok(n) => Ok(n),
@@ -147,6 +149,14 @@ impl Line for Tcp {
 }
 
 impl Tcp {
+    /// What the connection is to, in words.
+    fn peer(&self) -> &'static str {
+        match self.is_serial {
+            true => "server",
+            false => "arm",
+        }
+    }
+
     /// Reads the available bytes, waiting at most `wait` for the first one.
     fn read_within(&mut self, buf: &mut [u8], wait: Duration) -> io::Result<usize> {
         // No timeout at all would mean forever, and the shortest one takes a tick of the system's clock.
@@ -161,11 +171,12 @@ impl Tcp {
     }
 
     fn lost(&self, error: io::Error) -> Error {
+        let peer = self.peer();
         let reason = match error.kind() {
             ErrorKind::WouldBlock | ErrorKind::TimedOut => {
-                "the connection accepts no bytes: is the arm still there?".to_owned()
+                format!("the connection accepts no bytes: is the {peer} still there?")
             }
-            _ => format!("the connection is gone ({error}): was the arm switched off?"),
+            _ => format!("the connection is gone ({error}): was the {peer} switched off?"),
         };
         Error::lost(&self.name, reason)
     }
@@ -175,10 +186,11 @@ impl Tcp {
 fn not_connected(name: &str, error: &io::Error) -> Error {
     let reason = match error.kind() {
         ErrorKind::ConnectionRefused => {
-            "nothing listens there: is it the arm's address, and has the arm started?".to_owned()
+            "nothing listens there: is it the right address and port, and has the arm or server started?".to_owned()
         }
         ErrorKind::TimedOut | ErrorKind::HostUnreachable | ErrorKind::NetworkUnreachable => format!(
-            "cannot be reached ({error}): is it the arm's address, is the arm on, and is this computer in its network?"
+            "cannot be reached ({error}): is it the right address, is the arm or server on, and is this computer in its \
+             network?"
         ),
         _ => format!("connection failed: {error}"),
     };

@@ -182,7 +182,7 @@ pub enum StopError {
         joint: u8,
     },
     /// A joint came to the hold, and left it.
-    #[error("joint {joint} left the hold: another program moves it")]
+    #[error("joint {joint} left the hold: another program or a force moves it")]
     MovedByAnother {
         /// The joint, from 1.
         joint: u8,

@@ -11,7 +11,7 @@ use super::Link;
 use super::line_client::BUFFER;
 use crate::describe::{Arm, Fact, line};
 use crate::error::Error;
-use crate::error::received::{Missing, Received};
+use crate::error::received::{LATE_HINT, Missing, Received};
 use crate::ports::line::{Names, Reception};
 use crate::time::stopwatch::after;
 
@@ -199,7 +199,7 @@ impl<P: Arm> Link<P> {
                 name,
                 missing: Missing::Late,
                 cause: "the answer came too late".into(),
-                hint: "is the arm or the line overloaded?".into(),
+                hint: LATE_HINT.into(),
                 bytes,
             }),
             Err(error) => Err(error),
