@@ -5,6 +5,7 @@ use std::sync::atomic::AtomicBool;
 
 use clap::Args;
 
+use crate::call::values::whole;
 use crate::error::Error;
 use crate::monitor::{Form, Readings};
 use crate::status::StatusArg;
@@ -17,7 +18,7 @@ pub(crate) struct Record {
     /// MCAP file. An existing file is not replaced.
     file: PathBuf,
     /// Readings per second.
-    #[arg(long, default_value_t = 100, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    #[arg(long, default_value_t = 100, value_parser = whole::<u32>(1..=1_000))]
     rate: u32,
     #[command(flatten)]
     status: StatusArg,

@@ -7,7 +7,7 @@ use armwire::alpha1::{
 };
 use clap::{Args, Subcommand};
 
-use super::values::{made, one_of, parse, seconds};
+use super::values::{made, one_of, parse, seconds, whole};
 
 /// One request.
 #[derive(Subcommand)]
@@ -119,7 +119,7 @@ pub(crate) enum Servo {
         #[command(flatten)]
         to: To,
         /// Raw value, 0 to 255. The sources disagree whether 0 or 1 is on.
-        #[arg(allow_negative_numbers = true)]
+        #[arg(allow_negative_numbers = true, value_parser = whole::<u8>(0..=u8::MAX.into()))]
         value: u8,
     },
     /// Read the target and actual angle. The read switches the motor off: a load that it holds falls.

@@ -9,7 +9,7 @@ use armwire::ling::{
 use armwire_host::Ling;
 use clap::{ArgAction, Args, Subcommand};
 
-use super::values::{joint_speed, one_of, parse, scaled, slow_joint_speed};
+use super::values::{joint_speed, one_of, parse, scaled, slow_joint_speed, whole};
 use crate::error::Error;
 use crate::output::print_error;
 
@@ -97,7 +97,7 @@ pub(crate) struct Target {
     #[arg(long, value_name = "PERCENT", allow_hyphen_values = true, value_parser = opening)]
     gripper: Option<Opening>,
     /// Speed of the gripper, in ticks per second.
-    #[arg(long, value_name = "TICKS/S", default_value_t = 1000, value_parser = clap::value_parser!(u16).range(1..))]
+    #[arg(long, value_name = "TICKS/S", default_value_t = 1000, value_parser = whole::<u16>(1..=u16::MAX.into()))]
     gripper_speed: u16,
 }
 

@@ -2,6 +2,7 @@
 
 use std::f32::consts::PI;
 use std::fmt::Display;
+use std::ops::RangeInclusive;
 use std::str::FromStr;
 use std::time::Duration;
 
@@ -27,6 +28,21 @@ where
 /// Parses a value of the command line. The error says that the text is not `what`.
 pub(crate) fn parse<T: FromStr>(text: &str, what: &str) -> Result<T, String> {
     text.trim().parse().map_err(|_| format!("'{text}' is not {what}"))
+}
+
+/// A parser of whole numbers in this range.
+pub(crate) fn whole<T: TryFrom<u64>>(range: RangeInclusive<u64>) -> impl Fn(&str) -> Result<T, String> + Clone {
+    move |text| {
+        let number = text.trim().parse().ok().filter(|number| range.contains(number));
+        let number = number.and_then(|number| T::try_from(number).ok());
+        number.ok_or_else(|| {
+            format!(
+                "'{text}' is not a whole number from {} to {}",
+                range.start(),
+                range.end()
+            )
+        })
+    }
 }
 
 /// A value made of a number, with the errors of both: the number is `what` otherwise.

@@ -4,7 +4,7 @@ use armwire::xarm::{Joint, ProtocolId, Raw, Request};
 use armwire_host::{TcpAddress, XArm};
 use clap::{Args, Subcommand};
 
-use super::values::made;
+use super::values::{made, whole};
 use crate::error::Error;
 use crate::hex;
 
@@ -44,10 +44,10 @@ enum Command {
     Reboot,
     /// Send a heartbeat.
     Heartbeat,
-    /// Send a request for any register, unchecked. Register 42 reads joint positions, 23 moves the arm.
+    /// Send a request for a register that has no command here, unchecked. Register 42 reads joint positions, 23 moves the arm.
     Raw {
         /// The register, 0 to 255.
-        #[arg(allow_negative_numbers = true)]
+        #[arg(allow_negative_numbers = true, value_parser = whole::<u8>(0..=u8::MAX.into()))]
         register: u8,
         /// Parameters, in hexadecimal, such as 'DB 0F 49 40'.
         #[arg(value_name = "HEX", value_parser = bytes)]

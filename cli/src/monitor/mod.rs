@@ -24,6 +24,7 @@ use armwire_host::{Error as Host, Known, Ling, XArm};
 use clap::Args;
 
 use crate::args::{LiveArm, Place};
+use crate::call::values::whole;
 use crate::error::Error;
 
 pub(crate) use output::Form;
@@ -39,7 +40,7 @@ pub(crate) struct Monitor {
     #[command(flatten)]
     readings: Readings,
     /// Readings per second.
-    #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    #[arg(long, default_value_t = 20, value_parser = whole::<u32>(1..=1_000))]
     rate: u32,
     /// Print comma-separated values. The first line has names with units. Missing values are empty.
     #[arg(long, conflicts_with = "json")]
@@ -59,7 +60,7 @@ pub(crate) struct Readings {
     #[command(flatten)]
     place: Place,
     /// Stop after this many readings. Without it: q or Ctrl-C.
-    #[arg(long, value_parser = clap::value_parser!(u64).range(1..))]
+    #[arg(long, value_parser = whole::<u64>(1..=u64::MAX))]
     count: Option<u64>,
     /// End with an error when the port is lost. Without it: wait until the port is back.
     #[arg(long)]

@@ -11,7 +11,7 @@ use clap::Args;
 
 use super::ids::ids;
 use super::line::{LineArgs, print_counts};
-use crate::call::values::made;
+use crate::call::values::{made, whole};
 use crate::error::Error;
 use crate::output::print_line;
 
@@ -27,10 +27,10 @@ pub(crate) struct Alpha1Sim {
     #[arg(long, value_name = "TEXT", value_parser = parse_firmware)]
     firmware: Option<[u8; 10]>,
     /// Time from the end of a request to the start of its answer, in microseconds.
-    #[arg(long, value_name = "N", default_value_t = 1_000)]
+    #[arg(long, value_name = "N", default_value_t = 1_000, value_parser = whole::<u64>(0..=u64::MAX))]
     turnaround_us: u64,
     /// Longest pause inside a request, in milliseconds. After it the incomplete request is dropped.
-    #[arg(long, value_name = "N", default_value_t = 100)]
+    #[arg(long, value_name = "N", default_value_t = 100, value_parser = whole::<u32>(0..=u32::MAX.into()))]
     idle_ms: u32,
     /// Pad each answer with zeros to HID reports of 64 bytes. Padded requests are always accepted.
     #[arg(long)]
@@ -46,7 +46,7 @@ pub(crate) struct Alpha1ServoSim {
     #[arg(long, default_value = "1-16")]
     ids: Ids,
     /// Time from the end of a request to the start of its answer, in microseconds.
-    #[arg(long, value_name = "N", default_value_t = 200)]
+    #[arg(long, value_name = "N", default_value_t = 200, value_parser = whole::<u64>(0..=u64::MAX))]
     turnaround_us: u64,
     /// Echo every received byte immediately, as a single-wire bus does.
     #[arg(long)]

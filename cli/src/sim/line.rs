@@ -11,6 +11,7 @@ use armwire_sim::serial::{Counters, SerialDevice};
 use armwire_sim::serve::{BAUD, Served, serve};
 use clap::{Args, ValueEnum};
 
+use crate::call::values::whole;
 use crate::error::Error;
 use crate::output::print_line;
 
@@ -29,7 +30,7 @@ pub(super) struct LineArgs {
     #[arg(long, value_enum, default_value_t = FaultsOn::Both)]
     faults_on: FaultsOn,
     /// Seed of the faults: the same seed gives the same faults.
-    #[arg(long, value_name = "N", default_value_t = 1)]
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = whole::<u64>(0..=u64::MAX))]
     seed: u64,
 }
 

@@ -10,7 +10,7 @@ use clap::Args;
 
 use super::line::{LineArgs, print_counts};
 use crate::call::ling::STROKES;
-use crate::call::values::one_of;
+use crate::call::values::{one_of, whole};
 use crate::error::Error;
 use crate::output::print_line;
 
@@ -29,7 +29,7 @@ pub(crate) struct LingSim {
     #[arg(long, default_value = "50", value_parser = one_of(STROKES))]
     stroke: Stroke,
     /// Time from the end of a request to the start of its answer, in microseconds.
-    #[arg(long, value_name = "N", default_value_t = 200)]
+    #[arg(long, value_name = "N", default_value_t = 200, value_parser = whole::<u64>(0..=u64::MAX))]
     turnaround_us: u64,
     /// Echo every received byte immediately, as a half-duplex adapter does.
     #[arg(long)]

@@ -9,6 +9,7 @@ use armwire_sim::xarm::{BindError, Config, Model, Server, VirtualXArm};
 use clap::Args;
 
 use super::line::not_served;
+use crate::call::values::whole;
 use crate::error::Error;
 use crate::output::{print_error, print_line};
 
@@ -42,10 +43,10 @@ pub(crate) struct XArmSim {
     #[arg(long, value_name = "TEXT")]
     box_serial: Option<String>,
     /// Initial error, by its number in the vendor's list.
-    #[arg(long, value_name = "CODE", default_value_t = 0)]
+    #[arg(long, value_name = "CODE", default_value_t = 0, value_parser = whole::<u8>(0..=u8::MAX.into()))]
     error: u8,
     /// Initial warning, by its number in the vendor's list.
-    #[arg(long, value_name = "CODE", default_value_t = 0)]
+    #[arg(long, value_name = "CODE", default_value_t = 0, value_parser = whole::<u8>(0..=u8::MAX.into()))]
     warning: u8,
 }
 
@@ -76,6 +77,13 @@ impl XArmSim {
                      or add --allow-remote"
                 )));
             }
+        }
+        if report.is_some_and(|report| overlap(self.listen, report)) {
+            return Err(Error::Usage(format!(
+                "requests and reports are both to be at port {}: choose another for one (--listen, --report-listen), or \
+                 none for reports (--no-report)",
+                self.listen.port()
+            )));
         }
         let config = self.config()?;
         let mut arm = VirtualXArm::new(config);
@@ -114,6 +122,12 @@ impl XArmSim {
         let serials = serials.map_err(|error| Error::Usage(error.to_string()))?;
         Ok(Config { serials, ..config })
     }
+}
+
+/// Returns true for addresses that cannot both be listened on.
+fn overlap(a: SocketAddr, b: SocketAddr) -> bool {
+    let is_one_ip = a.ip() == b.ip() || a.ip().is_unspecified() || b.ip().is_unspecified();
+    a.port() == b.port() && a.port() != 0 && is_one_ip
 }
 
 fn is_loopback(ip: IpAddr) -> bool {

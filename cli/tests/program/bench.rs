@@ -73,8 +73,14 @@ fn times_and_counts_begin_at_something() {
         ),
         (&["bench", &arm.port, "--seconds", "-1"], "'-1' is not a valid time"),
         (&["bench", &arm.port, "--seconds", "1e9"], "must be at most 3600"),
-        (&["monitor", &arm.port, "--csv", "--count", "0"], "0 is not in 1.."),
-        (&["record", &arm.port, "never.mcap", "--count", "-1"], "invalid digit"),
+        (
+            &["monitor", &arm.port, "--csv", "--count", "0"],
+            "'0' is not a whole number from 1 to ",
+        ),
+        (
+            &["record", &arm.port, "never.mcap", "--count", "-1"],
+            "'-1' is not a whole number from 1 to ",
+        ),
     ] {
         let output = run_again(args);
         assert!(output.contains(expected), "{output}");

@@ -388,7 +388,7 @@ fn out_of_range_alpha1_values_are_never_sent() {
         ),
         (&["servo", "version", "-1"], "'-1' is not an id from 1 to 240"),
         (&["servo", "release", "-1"], "'-1' is not an id from 1 to 240"),
-        (&["servo", "led", "1", "-1"], "-1 is not in 0..=255"),
+        (&["servo", "led", "1", "-1"], "'-1' is not a whole number from 0 to 255"),
         (
             &["servo", "move", "1", "-5", "--time", "1", "--lock", "1"],
             "'-5' is not a whole number of degrees from 0 to 240",

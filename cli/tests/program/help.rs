@@ -4,7 +4,7 @@ use std::fs::File;
 use std::process::Command;
 
 use crate::common::terminal::Terminal;
-use crate::common::{PROGRAM, failure, success, usage};
+use crate::common::{Arm, PROGRAM, failure, retry_while_busy, success, usage};
 
 /// Adds a command and its subcommands: their words and help.
 fn screens(command: &[String], screens: &mut Vec<(Vec<String>, String)>) {
@@ -43,11 +43,85 @@ fn help_is_80_columns_wide_without_a_terminal() {
 
 #[test]
 fn help_that_goes_nowhere_is_an_error() {
-    for args in [&["--help"][..], &["info", "--help"], &["--version"]] {
+    for (command, _) in all_screens() {
+        goes_nowhere(&command.iter().map(String::as_str).chain(["--help"]).collect::<Vec<_>>());
+    }
+    for args in [
+        &["--version"][..],
+        &["help", "info"],
+        &["completions", "bash"],
+        &["list", "--json"],
+    ] {
+        goes_nowhere(args);
+    }
+}
+
+/// Asserts that a program with a full disk for its output fails with that reason.
+fn goes_nowhere(args: &[&str]) {
+    let output = retry_while_busy(|| {
         let full = File::options().write(true).open("/dev/full").unwrap();
-        let output = Command::new(PROGRAM).args(args).stdout(full).output().unwrap();
-        let line = failure(&output);
-        assert!(line.starts_with("cannot write the output: "), "{line}");
+        Command::new(PROGRAM).args(args).stdout(full).output().unwrap()
+    });
+    let line = failure(&output);
+    assert!(line.starts_with("cannot write the output: "), "{args:?}: {line}");
+}
+
+#[test]
+fn results_that_go_nowhere_are_an_error() {
+    let arm = Arm::start("ling", "full", &[]);
+    let port = &*arm.port;
+    for args in [
+        &["info", port][..],
+        &["info", port, "--json"],
+        &["monitor", port, "--csv", "--count", "2"],
+        &["call", "ling", port, "read-joints"],
+        &["torque", port, "on"],
+        &["stop", port, "--gripper", "0"],
+        &["bench", port, "--rate", "50", "--seconds", "0.1"],
+        &["decode", "tests/texts/ling.bin"],
+        &["sim", "ling"],
+        &["sim", "xarm", "--listen", "127.0.0.1:0", "--no-report"],
+        &["sim", "alpha1"],
+        &["sim", "alpha1-servo"],
+    ] {
+        goes_nowhere(args);
+    }
+}
+
+#[test]
+fn numbers_of_options_are_refused_in_words() {
+    for (args, expected) in [
+        (
+            &["monitor", "/dev/nothing", "--rate", "0"][..],
+            "'0' is not a whole number from 1 to 1000",
+        ),
+        (
+            &["record", "/dev/nothing", "x.mcap", "--rate", "x"],
+            "'x' is not a whole number from 1 to 1000",
+        ),
+        (
+            &["monitor", "/dev/nothing", "--count", "-1"],
+            "'-1' is not a whole number from 1 to ",
+        ),
+        (
+            &["sim", "ling", "--seed", "-1"],
+            "'-1' is not a whole number from 0 to ",
+        ),
+        (
+            &["sim", "ling", "--turnaround-us", "x"],
+            "'x' is not a whole number from 0 to ",
+        ),
+        (
+            &["sim", "alpha1", "--idle-ms", "4294967296"],
+            "'4294967296' is not a whole number from 0 to 4294967295",
+        ),
+        (
+            &["sim", "alpha1-servo", "--turnaround-us", "0.5"],
+            "'0.5' is not a whole number from 0 to ",
+        ),
+    ] {
+        let text = usage(args);
+        assert!(text.contains(expected), "{text}");
     }
 }
 

@@ -227,7 +227,11 @@ fn slow_speed_is_refused() {
         assert!(text.contains("degrees/s, must be 4.4..="), "{text}");
     }
     let args = [&to("/dev/null", "0,0,0,0,0,0", "20")[..], &["--gripper-speed", "0"]].concat();
-    assert!(usage(&args).contains("0 is not in 1..=65535"), "{}", usage(&args));
+    assert!(
+        usage(&args).contains("'0' is not a whole number from 1 to 65535"),
+        "{}",
+        usage(&args)
+    );
 }
 
 #[test]

@@ -195,11 +195,37 @@ fn occupied_port_is_reported() {
 }
 
 #[test]
+fn two_ports_at_one_address_blame_nobody() {
+    for (listen, report) in [
+        ("127.0.0.1:15020", "127.0.0.1:15020"),
+        ("127.0.0.1:15020", "0.0.0.0:15020"),
+    ] {
+        let args = [
+            "sim",
+            "xarm",
+            "--allow-remote",
+            "--listen",
+            listen,
+            "--report-listen",
+            report,
+        ];
+        let text = usage(&args);
+        assert!(
+            text.contains("requests and reports are both to be at port 15020"),
+            "{text}"
+        );
+    }
+    let text = usage(&["sim", "xarm", "--listen", "127.0.0.1:30002"]);
+    assert!(text.contains("both to be at port 30002"), "{text}");
+}
+
+#[test]
 fn impossible_arms_and_addresses_are_refused() {
     for (wrong, why) in [
         (["--axes", "4"], "expected 5, 6 or 7"),
         (["--serial", "a serial"], "character of a serial number is 32"),
-        (["--error", "256"], "256"),
+        (["--error", "256"], "'256' is not a whole number from 0 to 255"),
+        (["--warning", "-1"], "'-1' is not a whole number from 0 to 255"),
     ] {
         let text = usage(&[&["sim", "xarm", "--listen", "127.0.0.1:0", "--no-report"][..], &wrong].concat());
         assert!(text.contains(why), "{text}");

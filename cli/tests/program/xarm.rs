@@ -154,12 +154,12 @@ fn impossible_xarm_requests_are_never_sent() {
     for (args, error) in [
         (&["rotation-radius", "0"][..], "joint is 0, must be 1..=7"),
         (&["rotation-radius", "-1"], "'-1' is not a number from 1 to 7"),
-        (&["raw", "-1"], "-1 is not in 0..=255"),
+        (&["raw", "-1"], "'-1' is not a whole number from 0 to 255"),
         (&["rotation-radius", "8"], "joint is 8, must be 1..=7"),
         (&["raw", "10", "01"], "register 10 has types of its own"),
         (&["raw", "19", &too_long], &too_many),
         (&["raw", "19", "0G"], "'0G' is not a byte or bytes in hexadecimal"),
-        (&["raw", "256"], "256"),
+        (&["raw", "256"], "'256' is not a whole number from 0 to 255"),
     ] {
         let text = usage(&[&["call", "xarm", "no-such-host.invalid"], args].concat());
         assert!(text.contains(error), "{text}");
