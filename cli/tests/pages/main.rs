@@ -12,6 +12,7 @@ mod block;
 mod can;
 mod effects;
 mod examples;
+mod lost_answer;
 mod silence;
 mod update;
 mod world;
