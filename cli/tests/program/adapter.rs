@@ -36,7 +36,7 @@ fn name(board: &Board) -> &str {
 }
 
 /// Runs a program with a pty for PORT on which these bytes do not end.
-fn run_flooded(args: &[&str], bytes: &[u8]) -> Output {
+pub(crate) fn run_flooded(args: &[&str], bytes: &[u8]) -> Output {
     let pty = Pty::open(None).unwrap();
     let port = pty.path().to_str().unwrap();
     let args = args.iter().map(|arg| arg.replace("PORT", port));

@@ -6,6 +6,7 @@ use std::time::Instant;
 
 use armwire_bridge::can::Function;
 
+use crate::adapter::run_flooded;
 use crate::common::adapter::{BIT_RATE, CanBus, NODE};
 use crate::common::{NO_ANSWER, TIMEOUT, failure, free_path, run, run_against, success, usage};
 
@@ -136,6 +137,14 @@ fn port_without_an_slcan_adapter_is_reported() {
         line.contains("no answer to SLCAN: is it a CAN adapter with this protocol, and at 115200 baud?"),
         "{line}"
     );
+}
+
+#[test]
+fn flooded_port_has_no_slcan_adapter() {
+    for bytes in [&b"temperature 25.3 C\r\n"[..], &[0xFF; 400]] {
+        let line = failure(&run_flooded(&["counters", "slcan:PORT"], bytes));
+        assert!(line.contains("no answer to SLCAN: is it a CAN adapter"), "{line}");
+    }
 }
 
 #[test]

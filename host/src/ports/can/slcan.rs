@@ -52,7 +52,7 @@ impl SlcanBus {
         for (command, what) in [
             (
                 Command::BitRate(bit_rate),
-                format!("refuses {} bit/s", bit_rate.bits_per_second()),
+                format!("refuses {} bit/s: is it an SLCAN adapter?", bit_rate.bits_per_second()),
             ),
             (Command::Open, "does not open its channel".to_owned()),
         ] {
@@ -68,10 +68,13 @@ impl SlcanBus {
     fn settle(&mut self) -> Result<bool, Error> {
         let until = Instant::now() + REPLY_TIMEOUT;
         let mut is_there = false;
-        while let Some(reply) = self.next_reply(until.saturating_duration_since(Instant::now()))? {
-            is_there = true;
+        loop {
+            let left = until.saturating_duration_since(Instant::now());
+            let Some(reply) = self.next_reply(left)? else { break };
             // Some firmware has a format of its own, and firmware without the command sends an error.
-            if matches!(reply, Ok(Reply::Version { .. }) | Err(Malformed { command: b'V', .. })) {
+            let is_version = matches!(reply, Ok(Reply::Version { .. }) | Err(Malformed { command: b'V', .. }));
+            is_there |= is_version || reply.is_ok();
+            if is_version || left.is_zero() {
                 break;
             }
         }
@@ -90,17 +93,20 @@ impl SlcanBus {
     fn next_reply(&mut self, wait: Duration) -> Result<Option<Result<Reply, Malformed>>, Error> {
         let until = after(wait);
         let mut buf = [0; 1024];
+        let mut is_over = false;
         loop {
             if let Some(reply) = self.received.pop_front() {
                 return Ok(Some(reply));
             }
+            // Bytes that are no reply do not extend the wait.
+            if is_over {
+                return Ok(None);
+            }
             let left = until.saturating_duration_since(Instant::now());
+            is_over = left.is_zero();
             let n = self.serial.read(&mut buf, left)?;
             self.received
                 .extend(buf[..n].iter().filter_map(|&byte| self.replies.push(byte)));
-            if n == 0 && left.is_zero() {
-                return Ok(None);
-            }
         }
     }
 
