@@ -47,7 +47,8 @@ impl Source for Listener {
                     return Ok(News::Reading(facts, None));
                 }
                 if left.is_zero() {
-                    let reason = "the arm stopped sending: is it still powered?";
+                    let reason =
+                        "the arm stopped sending: is it still powered, and does no other program read the port?";
                     return Err(Error::at(self.link.name(), reason));
                 }
                 continue;

@@ -5,7 +5,7 @@ use armwire::messages::Messages;
 use armwire_sim::pty::Pty;
 
 use crate::common::terminal::Terminal;
-use crate::common::{Arm, NO_ANSWER, angles, failure, retry_while, run, run_against, success, usage};
+use crate::common::{Arm, NO_ANSWER, angles, failure, retry_while, retry_while_busy, run, run_against, success, usage};
 
 /// The arguments of a move of the second joint.
 fn to<'a>(port: &'a str, joints: &'a str, speed: &'a str) -> Vec<&'a str> {
@@ -95,6 +95,15 @@ fn late_move_reports_the_distance_left() {
         "{line}"
     );
     assert!(line.ends_with("'armwire stop PORT' stops the arm"), "{line}");
+}
+
+#[test]
+fn arm_at_rest_does_not_count_as_moving() {
+    let arm = Arm::start("ling", "move-nowhere", &["--plant", "ideal"]);
+    let pose = ["--joints", "0,0,0,0,0,0", "--gripper", "0", "--speed", "5"];
+    let args = [&["move", &arm.port, "--wait", "--timeout", "0"][..], &pose].concat();
+    let line = failure(&retry_while_busy(|| run(&args)));
+    assert!(line.contains(": not seen at rest after 0 s (status locked)"), "{line}");
 }
 
 #[test]

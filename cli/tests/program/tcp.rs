@@ -75,6 +75,15 @@ fn missing_server_and_missing_arm_are_reported() {
 }
 
 #[test]
+fn server_that_closes_is_not_the_arm() {
+    let server = TcpListener::bind("127.0.0.1:0").unwrap();
+    let port = format!("tcp:{}", server.local_addr().unwrap());
+    thread::spawn(move || server.incoming().for_each(drop));
+    let line = failure(&run(&["call", "ling", &port, "read-joints"]));
+    assert!(line.contains("server") && !line.contains("the arm"), "{line}");
+}
+
+#[test]
 fn server_has_a_port_and_no_baud() {
     assert!(usage(&["info", "tcp:localhost"]).contains("'localhost' has no port, such as localhost:4000"));
     assert!(

@@ -8,7 +8,7 @@ Exception              Cause
 `PortError`            The port or host cannot be opened: absent, in use, not permitted.
 `PortLostError`        The open port was lost: unplugged, switched off.
 `AbsentError`          No bytes arrived: no arm, no power, wrong baud rate.
-`DamagedError`         Answers had wrong checksums or were truncated: cable, ground, power.
+`DamagedError`         Answers had wrong checksums or were truncated: cable, ground, power, another program.
 `ErrorFrameError`      The arm answered with an error frame. No document explains it; the text has its bytes.
 `LateError`            The answer arrived after the timeout. It is discarded and never matched to a later request.
 `WrongArmError`        Bytes arrived, but no answer of this protocol: another arm, or another program on the line.
