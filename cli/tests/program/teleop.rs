@@ -16,7 +16,8 @@ use rustix::process::{Pid, Signal, kill_process};
 
 use crate::common::terminal::Terminal;
 use crate::common::{
-    Arm, NO_ANSWER, PROGRAM, TIMEOUT, angles, failure, finish, free_path, retry_while, run, start, success, usage,
+    Arm, NO_ANSWER, PROGRAM, TIMEOUT, angles, failure, finish, free_path, retry_while, retry_while_busy, run, start,
+    success, usage,
 };
 
 /// A virtual arm on a pty, in real time.
@@ -125,6 +126,14 @@ impl Pair {
         });
         (last.into_inner(), output)
     }
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn one_port_twice_is_in_use_by_this_process() {
+    let leader = Arm::start("ling", "teleop-once", &["--leader"]);
+    let line = failure(&retry_while_busy(|| run(&["teleop", &leader.port, &leader.port])));
+    assert!(line.ends_with("in use by this process: close that one first"), "{line}");
 }
 
 #[test]
