@@ -2,8 +2,7 @@
 
 use std::io::{BufRead, BufReader};
 use std::process::{Command, Output};
-use std::thread;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use armwire_bridge::start::Recovery;
 use armwire_sim::pty::Pty;
@@ -44,9 +43,9 @@ pub(crate) fn run_flooded(args: &[&str], bytes: &[u8]) -> Output {
     let deadline = Instant::now() + TIMEOUT;
     while child.try_wait().unwrap().is_none() && Instant::now() < deadline {
         let _ = pty.read(&mut [0; 256]).unwrap();
-        if pty.write(bytes).unwrap() == 0 {
-            thread::yield_now();
-        }
+        let _ = pty.write(bytes).unwrap();
+        // Other tests need the processor, too.
+        pty.wait(Some(Duration::from_millis(1))).unwrap();
     }
     finish(child)
 }
