@@ -290,6 +290,10 @@ fn decimals(tokens: &[Token<'_>], habits: &mut Habits) -> Result<Option<Found>, 
     let are_padded = words.iter().all(|word| word.len() == 3 && is_decimal(word));
     let byte = |word: &&str| if are_padded { word.parse().ok() } else { decimal(word) };
     let bytes: Option<Vec<u8>> = words.iter().map(byte).collect();
+    if are_padded && bytes.is_none() && words.len() >= MIN_RUN {
+        let text = "numbers of three digits, of which one is more than a byte in decimal";
+        return Err(Doubt::new("unknown form of bytes", text));
+    }
     let is_decimal = habits.has_decimals || words.iter().any(|word| word.len() == 3);
     let Some(bytes) = bytes.filter(|bytes| is_decimal && !bytes.is_empty()) else {
         return Ok(None);
@@ -373,22 +377,47 @@ pub(super) fn find(line: &str, tokens: &[Token<'_>], habits: &mut Habits) -> Res
             break;
         }
     }
-    let Some(run) = found else { return none(tokens) };
+    let Some(run) = found else {
+        return match looks_like_bytes(tokens) {
+            true => Err(Doubt::new(
+                "unknown form of bytes",
+                "the line may have bytes, in a form that is not read",
+            )),
+            false => Ok(None),
+        };
+    };
     habits.has_short_bytes |= run.has_short_bytes();
     let is_alone = run.at == 0;
     let bytes = run.bytes();
     Ok(Some(Found { from, bytes, is_alone }))
 }
 
-/// The result for a line without bytes, unless it is a byte that other lines of its kind may go on.
-fn none(tokens: &[Token<'_>]) -> Result<Option<Found>, Doubt> {
-    match tokens {
-        [Token::Word(word)] if word.text.len() == 2 && !is_decimal(word.text) && bytes_of(word.text).is_some() => {
-            let text = format!("'{}' may be a byte, or a word", cut(word.text));
-            Err(Doubt::new("ambiguous bytes", text))
-        }
-        _ => Ok(None),
+/// Returns true for a byte alone that other lines of its kind may go on, and for words behind a direction most of which
+/// have the digits of a byte: `AA/06/00`, `&HAA &H06 &H00`. One of them has a letter: other numbers have none.
+fn looks_like_bytes(tokens: &[Token<'_>]) -> bool {
+    let has_letter = |digits: &&str| !is_decimal(digits);
+    if let [Token::Word(word)] = tokens {
+        return byte_digits(word.text).is_some_and(|digits| has_letter(&digits) && digits.len() == word.text.len());
     }
+    let Some((at, _)) = direction(tokens, tokens.len()) else {
+        return false;
+    };
+    let words = tokens[at + 1..].iter().filter_map(|token| match token {
+        Token::Word(word) => Some(word.text),
+        _ => None,
+    });
+    let parts = words.flat_map(|word| word.split(|character: char| !character.is_alphanumeric()));
+    let parts: Vec<_> = parts.filter(|part| !part.is_empty()).collect();
+    let bytes: Vec<_> = parts.iter().filter_map(|part| byte_digits(part)).collect();
+    bytes.len() >= MIN_RUN && 4 * bytes.len() >= 3 * parts.len() && bytes.iter().any(has_letter)
+}
+
+/// The two digits of a byte, without a prefix or a suffix of a language.
+fn byte_digits(word: &str) -> Option<&str> {
+    let digits = word.strip_prefix("0x").unwrap_or(word);
+    let digits = digits.trim_start_matches(['H', 'h', 'x']).trim_end_matches(['u', 'U']);
+    let is_byte = digits.len() == 2 && digits.bytes().all(|digit| digit.is_ascii_hexdigit());
+    is_byte.then_some(digits)
 }
 
 /// Returns true for a run that may be a frame before another one, and is no offset, heading, address or time.

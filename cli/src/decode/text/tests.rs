@@ -1218,12 +1218,29 @@ fn tables_of_analysers_are_read() {
 }
 
 #[test]
-fn byte_alone_in_a_log_is_counted() {
-    let text = "TX: AA 06 00 01 FE 9A FF\nAA\n04\n0E\nnothing\n";
-    assert_eq!(
-        sum(text, None).0,
-        "bytes: 7, frames: 1, noise bytes: 0, lines without bytes: 2, not understood: 2 (ambiguous bytes: 2)"
-    );
+fn bytes_in_a_form_that_is_not_read_are_counted() {
+    let frame = "TX: AA 06 00 01 FE 9A FF\n";
+    for (line, is_counted) in [
+        ("AA", true),
+        ("RX: AA/04/0E/01/01/96/FF", true),
+        ("RX | AA | 04 | 0E | 01 | 01 | 96 | FF", true),
+        ("RX: %AA%04%0E%01%01%96%FF", true),
+        ("RX: &HAA &H04 &H0E &H01 &H01 &H96 &HFF", true),
+        ("RX: 0xAAu, 0x04u, 0x0Eu", true),
+        ("RX: 252 004 016 001 001 226 377", true),
+        ("04", false),
+        ("nothing", false),
+        ("RX: joints 12.50 13.75 -10.25 20.00", false),
+        ("read 07 values, 12 of 35 are 0", false),
+        ("TX: timeout after 20 ms", false),
+    ] {
+        let (sum, _) = sum(&format!("{frame}{line}\n"), None);
+        let more = match is_counted {
+            true => "not understood: 1 (unknown form of bytes: 1)",
+            false => "lines without bytes: 1",
+        };
+        assert_eq!(sum, format!("bytes: 7, frames: 1, noise bytes: 0, {more}"), "{line}");
+    }
 }
 
 #[test]
