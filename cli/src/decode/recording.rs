@@ -1,18 +1,16 @@
 //! The frames of a recording of bytes, and the bytes between them.
 
-use armwire::alpha1::Alpha1;
 use armwire::decoder::{Decoder, Kind, Span};
 use armwire::framing::{Framing, Reason};
 use armwire::ling::legacy::{Detector, Legacy, OlderGeneration};
 use armwire::ling::{Ling, MAX_FRAME};
 use armwire::messages::Messages;
-use armwire::xarm::{self, XArm};
+use armwire::xarm;
 use armwire_host::describe::Arm;
 
 use super::meaning::{Meaning, Sender, expected, meaning};
 use super::output::{Item, OnLine, Output};
 use super::sum::Part;
-use super::xarm_line::XArmLine;
 use crate::args::Speaker;
 
 /// Buffer size: the longest frame of every protocol fits.
@@ -536,28 +534,9 @@ pub(super) struct OfEither<P: Arm> {
     is_marked: bool,
 }
 
-/// The frames of an xArm. Without a mark they are the arm's unless the first one is a request only.
-pub(super) fn xarm(sender: Sender) -> Box<dyn Recording> {
-    match sender {
-        Sender::Known(_) => Box::new(Frames::<XArm>::new(sender)),
-        Sender::Marked(_) | Sender::Unknown => {
-            OfEither::<XArm>::recording(sender, |speaker| Box::new(Frames::of(XArmLine::new(speaker))))
-        }
-    }
-}
-
-/// The frames of an Alpha1. Without a mark they are the arm's.
-pub(super) fn alpha1(sender: Sender) -> Box<dyn Recording> {
-    let known = |speaker| -> Box<dyn Recording> { Box::new(Frames::<Alpha1>::new(Sender::Known(speaker))) };
-    match sender {
-        Sender::Known(speaker) => known(speaker),
-        Sender::Unknown => known(Speaker::Arm),
-        Sender::Marked(_) => OfEither::<Alpha1>::recording(sender, known),
-    }
-}
-
 impl<P: Arm + 'static> OfEither<P> {
-    fn recording(sender: Sender, frames: fn(Speaker) -> Box<dyn Recording>) -> Box<dyn Recording> {
+    /// The frames of a sender that is not known. Without a mark they are the arm's unless the first one is a request only.
+    pub(super) fn recording(sender: Sender, frames: fn(Speaker) -> Box<dyn Recording>) -> Box<dyn Recording> {
         let speakers = match sender.speaker() {
             Some(Speaker::Host) => [Speaker::Host, Speaker::Arm],
             Some(Speaker::Arm) | None => [Speaker::Arm, Speaker::Host],

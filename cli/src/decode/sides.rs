@@ -4,15 +4,18 @@ use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::fmt::Arguments;
 
+use armwire::alpha1::Alpha1;
 use armwire::framing::Reason;
 use armwire::ling::legacy::Legacy;
+use armwire::xarm::XArm;
 
 use super::doubts::Doubt;
 use super::meaning::Sender;
 use super::output::{Item, OnLine, Output};
-use super::recording::{self, At, Counts, Frames, Generation, Recording};
+use super::recording::{At, Counts, Frames, Generation, OfEither, Recording};
 use super::servo_bus::ServoBus;
 use super::unit::{Bytes, Hint, Transfer};
+use super::xarm_line::XArmLine;
 use crate::args::{ArmKind, Speaker};
 
 /// Maximum number of bytes of a device that are kept for the case that they are frames of another arm.
@@ -197,9 +200,11 @@ impl Sides {
         let side = Side::of(from);
         if !device.streams.contains_key(&(endpoint, side)) {
             let mut stream = decoder(line, from);
-            let others = device.streams.iter_mut();
-            for (_, other) in
-                others.filter(|((_, there), _)| from.is_some() && *there != Side::Unnamed && *there != side)
+            let opposite = from.map(|from| Side::of(Some(opposite(from))));
+            for (_, other) in device
+                .streams
+                .iter_mut()
+                .filter(|((_, there), _)| Some(*there) == opposite)
             {
                 other.trust_mark();
                 stream.trust_mark();
@@ -327,10 +332,21 @@ fn decoder(line: Line, from: Option<Speaker>) -> Box<dyn Recording> {
     match line.arm {
         ArmKind::Ling => Generation::recording(sender),
         ArmKind::LingLegacy => Box::new(Frames::<Legacy>::new(sender)),
-        ArmKind::Xarm => recording::xarm(sender),
-        ArmKind::Alpha1 => recording::alpha1(sender),
+        ArmKind::Xarm => match sender {
+            Sender::Known(_) => Box::new(Frames::<XArm>::new(sender)),
+            _ => OfEither::<XArm>::recording(sender, |speaker| Box::new(Frames::of(XArmLine::new(speaker)))),
+        },
+        ArmKind::Alpha1 => match sender {
+            Sender::Known(_) => alpha1(sender),
+            Sender::Marked(_) => OfEither::<Alpha1>::recording(sender, |speaker| alpha1(Sender::Known(speaker))),
+            Sender::Unknown => alpha1(Sender::Known(Speaker::Arm)),
+        },
         ArmKind::Alpha1Servo => Box::new(Frames::of(ServoBus::default())),
     }
+}
+
+fn alpha1(sender: Sender) -> Box<dyn Recording> {
+    Box::new(Frames::<Alpha1>::new(sender))
 }
 
 /// An output that keeps nothing.

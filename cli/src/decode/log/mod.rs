@@ -23,9 +23,8 @@ use candump::Candump;
 use csv::Csv;
 use gvret::Gvret;
 use printer::Printer;
-pub(super) use record::frame;
-pub(super) use record::{Logged, Time};
-use record::{MICROS, MILLIS, SECONDS, byte, data, decimal, identifier, number, time};
+pub(super) use record::{Logged, Time, decimal, frame};
+use record::{MICROS, MILLIS, SECONDS, byte, data, identifier, number, time};
 use trc::Trc;
 
 /// The lines of logs: more than four times as long as the longest of every format.

@@ -83,7 +83,7 @@ pub(super) const MICROS: Unit = Unit {
 };
 
 /// A decimal number in units of its last digit, with `digits` decimals. Further decimals are ignored.
-pub(super) fn decimal(text: &str, digits: usize) -> Option<u64> {
+pub(in crate::decode) fn decimal(text: &str, digits: usize) -> Option<u64> {
     let (whole, fraction) = text.split_once('.').unwrap_or((text, "0"));
     let are_digits = |text: &str| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
     if !are_digits(whole) || !are_digits(fraction) {

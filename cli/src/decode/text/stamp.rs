@@ -1,11 +1,12 @@
 //! The time of a line in a log.
 
 use super::time::{clock, is_date};
+use crate::decode::log::decimal;
 
-/// Number of nanoseconds in a second and in a millisecond.
-pub(super) const SECOND: u64 = 1_000_000_000;
-const MILLISECOND: u64 = 1_000_000;
-const DAY: u64 = 24 * 60 * 60 * SECOND;
+/// Number of decimals of a time in seconds and in milliseconds, to a nanosecond.
+pub(super) const SECONDS: usize = 9;
+const MILLIS: usize = 6;
+const DAY: u64 = 24 * 60 * 60 * 1_000_000_000;
 /// The fewest decimals of a time in seconds: other numbers have fewer.
 const MIN_DECIMALS: usize = 3;
 /// The levels of ESP-IDF's log, each before a time in milliseconds: `I (1234)`.
@@ -18,7 +19,7 @@ pub(super) fn of_line(line: &str) -> Option<u64> {
     let mut words = words(line);
     let first = words.next()?;
     if LEVELS.contains(&first) && line.contains(" (") {
-        return decimal(words.next()?, MILLISECOND);
+        return decimal(words.next()?, MILLIS);
     }
     let both = first.split_once('T').filter(|(date, _)| is_date(date));
     match both.or_else(|| is_date(first).then(|| words.next().map(|clock| (first, clock)))?) {
@@ -26,7 +27,7 @@ pub(super) fn of_line(line: &str) -> Option<u64> {
         None if first.contains(':') => u64::try_from(utc(first)?).ok(),
         None => {
             let decimals = first.split_once('.')?.1.len();
-            decimal(first, SECOND).filter(|_| decimals >= MIN_DECIMALS)
+            decimal(first, SECONDS).filter(|_| decimals >= MIN_DECIMALS)
         }
     }
 }
@@ -76,24 +77,11 @@ fn days(date: &str) -> Option<u64> {
     day.checked_sub(719_468)
 }
 
-/// A number of units of so many ns.
-pub(super) fn decimal(text: &str, unit: u64) -> Option<u64> {
-    /// More decimals are below a nanosecond.
-    const MAX_DECIMALS: usize = 9;
-    let (whole, fraction) = text.split_once('.').unwrap_or((text, "0"));
-    let are_digits = |text: &str| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
-    if !are_digits(whole) || !are_digits(fraction) {
-        return None;
-    }
-    let fraction = &fraction[..fraction.len().min(MAX_DECIMALS)];
-    let scale = 10_u64.pow(fraction.len() as u32);
-    let below = u128::from(fraction.parse::<u64>().ok()?) * u128::from(unit) / u128::from(scale);
-    whole.parse::<u64>().ok()?.checked_mul(unit)?.checked_add(below as u64)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    const SECOND: u64 = 1_000_000_000;
 
     #[test]
     fn time_of_a_line_is_in_nanoseconds() {
@@ -114,7 +102,7 @@ mod tests {
             ("00:00:02.5 -> AA", Some(2 * SECOND + SECOND / 2)),
             ("[    1.000250] uart: AA", Some(SECOND + 250_000)),
             ("000001.250 TX   0000  AA", Some(SECOND + SECOND / 4)),
-            ("I (1234) uart: AA", Some(1_234 * MILLISECOND)),
+            ("I (1234) uart: AA", Some(SECOND + 234_000_000)),
             ("1.5 mm AA", None),
             ("AA 06", None),
             ("", None),

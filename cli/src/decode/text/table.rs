@@ -1,6 +1,7 @@
 //! Tables of a logic analyser, with a byte in each line.
 
 use super::stamp;
+use crate::decode::log::decimal;
 
 /// Names of columns with bytes.
 const NAMES: [&str; 3] = ["value", "data", "decoded protocol result"];
@@ -8,9 +9,10 @@ const NAMES: [&str; 3] = ["value", "data", "decoded protocol result"];
 const DECODER: &str = "uart";
 /// Columns of Saleae's tables: numbers without a prefix are decimal.
 const OF_SALEAE: [&str; 2] = ["parity error", "start_time"];
-/// The beginnings of the names of columns with times, and the ends of those that are not in seconds.
+/// The beginnings of the names of columns with times, and the ends of those that are not in seconds, with the number of
+/// decimals to a nanosecond.
 const TIMES: [&str; 2] = ["time", "start"];
-const UNITS: [(&str, u64); 3] = [("[ns]", 1), ("[us]", 1_000), ("[ms]", 1_000_000)];
+const UNITS: [(&str, usize); 3] = [("[ns]", 0), ("[us]", 3), ("[ms]", 6)];
 /// The marks between columns.
 const SEPARATORS: [char; 3] = [',', ';', '\t'];
 /// The fewest columns of a table.
@@ -23,8 +25,8 @@ pub(super) struct Column {
     /// Number of columns.
     count: usize,
     base: Base,
-    /// The column of times, and the ns of their unit.
-    time: Option<(usize, u64)>,
+    /// The column of times, and the number of decimals to a nanosecond.
+    time: Option<(usize, usize)>,
 }
 
 /// The base of numbers without a prefix.
@@ -57,7 +59,7 @@ impl Column {
         let time = find(&|name| TIMES.iter().any(|time| name.starts_with(time)));
         let unit = |index: usize| {
             let unit = UNITS.iter().find(|(end, _)| names[index].ends_with(end));
-            (index, unit.map_or(stamp::SECOND, |(_, nanos)| *nanos))
+            (index, unit.map_or(stamp::SECONDS, |(_, decimals)| *decimals))
         };
         Some(Self {
             separator,
@@ -80,9 +82,9 @@ impl Column {
 
     /// The time of a row in ns.
     pub(super) fn nanos(&self, line: &str) -> Option<u64> {
-        let (index, unit) = self.time?;
+        let (index, decimals) = self.time?;
         let cell = cells(line, self.separator).nth(index)?;
-        stamp::decimal(cell, unit).or_else(|| stamp::of_line(cell))
+        decimal(cell, decimals).or_else(|| stamp::of_line(cell))
     }
 
     /// The byte in a line.
