@@ -535,7 +535,8 @@ pub(super) struct OfEither<P: Arm> {
 }
 
 impl<P: Arm + 'static> OfEither<P> {
-    /// The frames of a sender that is not known. Without a mark they are the arm's unless the first one is a request only.
+    /// The frames of a sender that is not known. Without a mark they are the arm's unless the first one is a request
+    /// only.
     pub(super) fn recording(sender: Sender, frames: fn(Speaker) -> Box<dyn Recording>) -> Box<dyn Recording> {
         let speakers = match sender.speaker() {
             Some(Speaker::Host) => [Speaker::Host, Speaker::Arm],

@@ -13,8 +13,8 @@ use crate::args::Speaker;
 /// Maximum number of frames that wait for another one with their number.
 const MAX_WAITING: usize = 8;
 
-/// A reading of the line. An answer has the number and the register of its request, and a state. Nothing else tells both
-/// apart: an answer without parameters may be equal to its request.
+/// A reading of the line. An answer has the number and the register of its request, and a state. Nothing else tells
+/// both apart: an answer without parameters may be equal to its request.
 pub(super) struct XArmLine {
     /// The sender of the first frame, and of each with a new number.
     from: Speaker,

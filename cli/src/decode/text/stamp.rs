@@ -12,8 +12,8 @@ const MIN_DECIMALS: usize = 3;
 /// The levels of ESP-IDF's log, each before a time in milliseconds: `I (1234)`.
 const LEVELS: [&str; 5] = ["E", "W", "I", "D", "V"];
 
-/// The time at the beginning of a line, in ns: since 1970 for a date and a time of day, which is taken as UTC without an
-/// offset; since midnight for a time of day alone; as it is for a time in seconds or of ESP-IDF. A date that has two
+/// The time at the beginning of a line, in ns: since 1970 for a date and a time of day, which is taken as UTC without
+/// an offset; since midnight for a time of day alone; as it is for a time in seconds or of ESP-IDF. A date that has two
 /// readings is none.
 pub(super) fn of_line(line: &str) -> Option<u64> {
     let mut words = words(line);
