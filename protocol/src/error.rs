@@ -261,15 +261,15 @@ impl fmt::Debug for ErrorFrame {
     }
 }
 
-#[cfg(any(feature = "ling", feature = "xarm", feature = "alpha1"))]
 impl ParseError {
     /// Bytes that are not a frame.
-    pub(crate) const NO_FRAME: Self = Self {
+    pub const NO_FRAME: Self = Self {
         message: MessageId::None,
         cause: Cause::Unknown,
     };
 
     /// Adds the name of the message to a cause.
+    #[cfg(any(feature = "ling", feature = "xarm", feature = "alpha1"))]
     pub(crate) fn of(message: MessageId) -> impl Fn(Cause) -> Self {
         move |cause| Self { message, cause }
     }

@@ -7,7 +7,6 @@ use core::fmt::Debug;
 
 use thiserror::Error;
 
-#[cfg(any(feature = "ling", feature = "xarm", feature = "alpha1"))]
 use crate::BufferTooShort;
 use crate::error::either;
 
@@ -158,14 +157,21 @@ pub trait Framing: Copy + Eq + Debug {
 
 /// The verdict on a window that starts with a header, if the frame has `total` bytes: it ends with a checksum over all
 /// but its first `uncovered` bytes, and a terminator.
-#[cfg(any(feature = "ling", feature = "alpha1"))]
-pub(crate) fn verify(
-    window: &[u8],
-    total: usize,
-    uncovered: usize,
-    checksum: impl Fn(&[u8]) -> u8,
-    terminator: u8,
-) -> Scan {
+///
+/// ```
+/// use armwire::framing::{Reason, Scan, verify};
+///
+/// /// The low byte of the sum.
+/// fn sum(bytes: &[u8]) -> u8 {
+///     bytes.iter().fold(0, |sum, byte| sum.wrapping_add(*byte))
+/// }
+/// let frame = [0x55, 0x01, 0x02, 0x03, 0xED];
+/// assert_eq!(verify(&frame, 5, 1, sum, 0xED), Scan::Frame(5));
+/// assert_eq!(verify(&frame[..3], 5, 1, sum, 0xED), Scan::Need(2));
+/// let damaged = [0x55, 0x01, 0x02, 0x04, 0xED];
+/// assert_eq!(verify(&damaged, 5, 1, sum, 0xED), Scan::Noise(1, Reason::Checksum { expected: 3, got: 4 }));
+/// ```
+pub fn verify(window: &[u8], total: usize, uncovered: usize, checksum: impl Fn(&[u8]) -> u8, terminator: u8) -> Scan {
     let noise = |reason| Scan::Noise(1, reason);
     match window.get(uncovered..total) {
         Some(&[ref covered @ .., got, end]) if end == terminator => match checksum(covered) {
@@ -181,8 +187,20 @@ pub(crate) fn verify(
 }
 
 /// Writes bytes at the front of `out` and returns their number.
-#[cfg(any(feature = "ling", feature = "xarm", feature = "alpha1"))]
-pub(crate) fn write(out: &mut [u8], bytes: impl Iterator<Item = u8> + Clone) -> Result<usize, BufferTooShort> {
+///
+/// # Errors
+///
+/// [`BufferTooShort`] if `out` is too short. Nothing is written then.
+///
+/// ```
+/// use armwire::framing::write;
+///
+/// let (mut out, data) = ([0; 4], [1, 2]);
+/// assert_eq!(write(&mut out, [0x55].into_iter().chain(data)), Ok(3));
+/// assert_eq!(out, [0x55, 1, 2, 0]);
+/// assert!(write(&mut out[..2], [0x55].into_iter().chain(data)).is_err());
+/// ```
+pub fn write(out: &mut [u8], bytes: impl Iterator<Item = u8> + Clone) -> Result<usize, BufferTooShort> {
     let (needed, got) = (bytes.clone().count(), out.len());
     let out = out.get_mut(..needed).ok_or(BufferTooShort { needed, got })?;
     let mut out = out.iter_mut();

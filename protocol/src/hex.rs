@@ -6,7 +6,12 @@ extern crate std;
 use core::fmt;
 
 /// Bytes as `AA 06 00`.
-pub(crate) struct Hex<'a>(pub(crate) &'a [u8]);
+///
+/// ```
+/// assert_eq!(armwire::text::Hex(&[0xAA, 0x06, 0x00]).to_string(), "AA 06 00");
+/// ```
+#[derive(Clone, Copy, Debug)]
+pub struct Hex<'a>(pub &'a [u8]);
 
 impl fmt::Display for Hex<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {

@@ -34,7 +34,8 @@
 //! Programs use [`Client`] or the driver, [`Device`], [`messages`], [`time`] and the modules of the protocols. Changes of
 //! these are kept small.
 //!
-//! [`framing`], [`decoder`], [`correlation`], [`exchange`], [`raw`] and the `Frame` of each protocol are the layers below.
+//! [`framing`], [`decoder`], [`correlation`], [`exchange`], [`raw`], [`text`] and the `Frame` of each protocol are the
+//! layers below.
 //! The adapter's firmware, monitors and implementations of other arms need them; programs do not. **They are less
 //! stable:** a release that may break compatibility may change them in any way.
 //!
@@ -71,9 +72,9 @@ mod hex;
 #[cfg(feature = "ling")]
 pub mod ling;
 pub mod messages;
-#[cfg(any(feature = "ling", feature = "xarm", feature = "alpha1"))]
 mod named;
 pub mod raw;
+pub mod text;
 pub mod time;
 #[cfg(all(test, any(feature = "ling", feature = "xarm", feature = "alpha1")))]
 #[path = "../tests/vectors/mod.rs"]

@@ -2,8 +2,16 @@
 
 use core::fmt;
 
-/// `name: text`, with unprintable characters escaped. An empty text is the name alone.
-pub(crate) struct Named<'a>(pub(crate) &'static str, pub(crate) &'a [u8]);
+/// `name: text`, with unprintable characters of the text escaped. An empty text is the name alone.
+///
+/// ```
+/// use armwire::text::Named;
+///
+/// assert_eq!(Named("version", b"1.3\n").to_string(), r"version: 1.3\n");
+/// assert_eq!(Named("version", b"").to_string(), "version");
+/// ```
+#[derive(Clone, Copy, Debug)]
+pub struct Named<'a>(pub &'static str, pub &'a [u8]);
 
 impl fmt::Display for Named<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
