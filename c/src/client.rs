@@ -48,6 +48,7 @@ impl<M: Messages, const N: usize> State<M, N> {
         let request = request.map_err(|refused| self.refuse(refused))?;
         self.client.submit(&request).map_err(|error| match error {
             SubmitError::TooLong(_) => ArmwireStatus::BufferTooShort,
+            SubmitError::OutOfRange(_) => ArmwireStatus::OutOfRange,
             _ => ArmwireStatus::Busy,
         })
     }

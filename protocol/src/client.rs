@@ -12,7 +12,7 @@ use crate::fences::{Fences, Who};
 use crate::framing::Reason;
 use crate::messages::Messages;
 use crate::time::{Duration, Instant};
-use crate::{BufferTooShort, Cause, OutOfRange, ParseError};
+use crate::{BufferTooShort, Cause, EncodeError, OutOfRange, ParseError};
 
 /// Sends that may be unresolved: the one in flight, stale ones, and fences.
 const SENDS: usize = 11;
@@ -191,6 +191,9 @@ pub enum SubmitError {
     /// The client's buffer is shorter than the request.
     #[error(transparent)]
     TooLong(BufferTooShort),
+    /// A value of the request does not fit its field. No request of the protocols in this crate has one.
+    #[error(transparent)]
+    OutOfRange(OutOfRange),
     /// The request was submitted as a reading, and may change the arm.
     #[error("the request is not a read")]
     NotARead,
@@ -679,7 +682,10 @@ impl<M: Messages, const N: usize> Client<M, N> {
         out.len = self
             .messages
             .encode_request(request, &mut out.tx)
-            .map_err(SubmitError::TooLong)?;
+            .map_err(|error| match error.into() {
+                EncodeError::BufferTooShort(error) => SubmitError::TooLong(error),
+                EncodeError::OutOfRange(error) => SubmitError::OutOfRange(error),
+            })?;
         let frame = out.tx.get_mut(..out.len).unwrap_or_default();
         let number = self.number.checked_add(1).unwrap_or(1);
         self.messages.stamp(frame, number);

@@ -5,7 +5,7 @@ use core::fmt::{Debug, Display};
 use thiserror::Error;
 
 use crate::correlation::Correlation;
-use crate::{BufferTooShort, ParseError};
+use crate::{BufferTooShort, EncodeError, ParseError};
 
 /// The messages of one kind of arm.
 ///
@@ -18,6 +18,10 @@ pub trait Messages: Correlation {
     /// A message of the arm. Its text contains every value with its unit, and text from outside escaped.
     type Response<'a>: Copy + PartialEq + Debug + Display;
 
+    /// The reason why a request cannot be written: [`BufferTooShort`] if each value fits its field by its type, otherwise
+    /// [`EncodeError`].
+    type EncodeError: Into<EncodeError> + Debug + Display;
+
     /// Reads with different keys that every arm of this kind answers, as frames. An arm answers in the order of its
     /// requests: the answer to such a *fence* shows that all earlier answers have arrived or are lost. Empty if answers
     /// have numbers, or if the order is unknown.
@@ -27,8 +31,8 @@ pub trait Messages: Correlation {
     ///
     /// # Errors
     ///
-    /// [`BufferTooShort`] if `out` is too short.
-    fn encode_request(&self, request: &Self::Request<'_>, out: &mut [u8]) -> Result<usize, BufferTooShort>;
+    /// [`BufferTooShort`] if `out` is too short, or that a value of the request does not fit its field.
+    fn encode_request(&self, request: &Self::Request<'_>, out: &mut [u8]) -> Result<usize, Self::EncodeError>;
 
     /// Decodes a frame from the host.
     ///

@@ -17,7 +17,8 @@ use armwire::ling::Ling;
 use armwire::messages::Messages;
 use armwire::time::{Duration, Instant};
 use armwire::{
-    BufferTooShort, Cause, Client, Config, Device, DeviceEvent, Event, MessageId, Output, ParseError, SubmitError,
+    BufferTooShort, Cause, Client, Config, Device, DeviceEvent, EncodeError, Event, MessageId, OutOfRange, Output,
+    ParseError, SubmitError,
 };
 use embedded_io_async::{ErrorKind, ErrorType, Read, Write};
 use proptest::prelude::*;
@@ -40,6 +41,9 @@ impl fmt::Display for Bytes<'_> {
 fn sum(bytes: &[u8]) -> u8 {
     bytes.iter().fold(0, |sum, byte| sum.wrapping_add(*byte))
 }
+
+/// The most bytes of a message.
+const MAX: u16 = 200;
 
 fn put(header: u8, bytes: &[u8], out: &mut [u8]) -> Result<usize, BufferTooShort> {
     let frame = [&[header, bytes.len() as u8], bytes, &[sum(bytes)]].concat();
@@ -114,9 +118,13 @@ impl Correlation for Summed {
 impl Messages for Summed {
     type Request<'a> = Bytes<'a>;
     type Response<'a> = Bytes<'a>;
+    type EncodeError = EncodeError;
 
-    fn encode_request(&self, request: &Bytes<'_>, out: &mut [u8]) -> Result<usize, BufferTooShort> {
-        put(0x55, request.0, out)
+    fn encode_request(&self, request: &Bytes<'_>, out: &mut [u8]) -> Result<usize, EncodeError> {
+        match request.0.len() {
+            len if len > MAX.into() => Err(OutOfRange::new("message", "bytes", len as u16, 0, MAX))?,
+            _ => Ok(put(0x55, request.0, out)?),
+        }
     }
 
     fn parse_request<'a>(&self, frame: &'a [u8]) -> Result<Bytes<'a>, ParseError> {
@@ -265,6 +273,14 @@ fn repeat_without_void_ends_before_its_answer() {
     assert_eq!(client.poll(due), Output::Transmit(&NEXT_BYTES[1..]));
     client.transmitted(due, 3).unwrap();
     assert_eq!(client.poll(due), Output::Event(Event::Answer(Bytes(&[]))));
+    assert!(client.is_idle());
+}
+
+#[test]
+fn request_whose_value_does_not_fit_is_refused() {
+    let mut client = Client::<Summed, 260>::new(Summed, Config::DEFAULT);
+    let error = client.submit(&Bytes(&[0; 201])).unwrap_err();
+    assert_eq!(error.to_string(), "message is 201 bytes, must be 0..=200");
     assert!(client.is_idle());
 }
 

@@ -18,7 +18,7 @@ use armwire::ling::{
 };
 use armwire::time::Instant;
 use armwire::xarm::{self, Raw, RotationRadius, SerialsText, State, VersionText, XArm};
-use armwire::{BufferTooShort, OutOfRange};
+use armwire::{BufferTooShort, EncodeError, OutOfRange};
 use armwire_bridge::can::command::Command;
 use armwire_bridge::can::telemetry::{Errors, Sample, event_from_frame, event_to_frame};
 use armwire_bridge::can::{Frame, Id, Node};
@@ -108,9 +108,13 @@ fn check_text(message: &impl Display) {
 }
 
 /// Checks that a buffer one byte too short for a message of this length is refused.
-fn check_short_buffer(len: usize, encode: impl Fn(&mut [u8]) -> core::result::Result<usize, BufferTooShort>) {
-    let error = encode(&mut vec![0; len - 1]).expect_err("it is too short");
-    assert_eq!((error.needed, error.got), (len, len - 1));
+fn check_short_buffer<E: Into<EncodeError>>(
+    len: usize,
+    encode: impl Fn(&mut [u8]) -> core::result::Result<usize, E>,
+) {
+    let error = encode(&mut vec![0; len - 1]).expect_err("it is too short").into();
+    let (needed, got) = (len, len - 1);
+    assert_eq!(error, EncodeError::BufferTooShort(BufferTooShort { needed, got }));
     assert!(!error.to_string().is_empty());
 }
 

@@ -492,6 +492,7 @@ fn count(text: Text<'_>) -> u8 {
 impl Messages for Alpha1 {
     type Request<'a> = Request<'a>;
     type Response<'a> = Response<'a>;
+    type EncodeError = BufferTooShort;
 
     fn encode_request(&self, request: &Request<'_>, out: &mut [u8]) -> Result<usize, BufferTooShort> {
         let mut encode = |command, data: &[u8]| put(out, Expect::Requests, command, [data, &[]]);

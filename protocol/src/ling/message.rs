@@ -431,6 +431,7 @@ fn parse_response(frame: Frame<'_>) -> Result<Response, Cause> {
 impl Messages for Ling {
     type Request<'a> = Request;
     type Response<'a> = Response;
+    type EncodeError = BufferTooShort;
 
     /// The stroke, the temperatures and the velocities.
     const FENCES: &'static [&'static [u8]] = &[

@@ -227,6 +227,7 @@ const fn modbus(unit: u8, function: u8) -> ParseError {
 impl Messages for XArm {
     type Request<'a> = Request<'a>;
     type Response<'a> = Response<'a>;
+    type EncodeError = BufferTooShort;
 
     fn encode_request(&self, request: &Request<'_>, out: &mut [u8]) -> Result<usize, BufferTooShort> {
         let Some(register) = request.register() else {

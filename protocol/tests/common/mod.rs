@@ -6,7 +6,7 @@ use armwire::decoder::{Decoder, Kind};
 use armwire::framing::{Framing, Scan};
 use armwire::messages::Messages;
 use armwire::time::{Duration, Instant};
-use armwire::{Client, Config, Output, ParseError};
+use armwire::{BufferTooShort, Client, Config, EncodeError, Output, ParseError};
 use proptest::collection::vec;
 use proptest::prelude::*;
 use proptest::test_runner::TestCaseResult;
@@ -101,8 +101,9 @@ pub(crate) fn a_request_survives_the_wire<P: Subject>(request: P::Request<'stati
         Err(error) => panic!("{error}"),
     }
     let mut short = vec![0; bytes.len() - 1];
-    let error = arm.encode_request(&request, &mut short).unwrap_err();
-    prop_assert_eq!((error.needed, error.got), (bytes.len(), short.len()));
+    let error = arm.encode_request(&request, &mut short).unwrap_err().into();
+    let (needed, got) = (bytes.len(), short.len());
+    prop_assert_eq!(error, EncodeError::BufferTooShort(BufferTooShort { needed, got }));
     Ok(())
 }
 

@@ -188,6 +188,7 @@ fn parse_gripper(firmware: Firmware, data: &[u8]) -> Result<Response, Cause> {
 impl Messages for Legacy {
     type Request<'a> = Request;
     type Response<'a> = Response;
+    type EncodeError = BufferTooShort;
 
     fn encode_request(&self, request: &Request, _out: &mut [u8]) -> Result<usize, BufferTooShort> {
         match *request {}
