@@ -458,7 +458,8 @@ impl<M: Messages, const N: usize> Outgoing<M, N> {
 
 /// A host-side state machine with buffers of `N` bytes.
 ///
-/// One request is in flight at a time. Bytes go in by [`space`](Self::space) and [`received`](Self::received), or by
+/// One request is in flight at a time, and one answer ends it: any further answer to the same request is
+/// [unsolicited](Event::Unsolicited). Bytes go in by [`space`](Self::space) and [`received`](Self::received), or by
 /// [`receive`](Self::receive). Time goes in by [`poll`](Self::poll), which returns the next step: transmit, handle an
 /// event, or wait. The client does no I/O and reads no clock: it runs in an interrupt handler, in a task, or in a test
 /// without real time. 260 bytes hold every message of every protocol; a frame that is longer than `N` is noise.

@@ -53,6 +53,10 @@ pub type InfoOf<D> = RequestInfo<<D as Correlation>::Key, <D as Framing>::Expect
 ///
 /// It works on the bytes of frames without decoding messages, which is cheap enough for an adapter between a host and
 /// an arm.
+///
+/// A request has one response, or none. For a request with several, such as one to all servos of a bus, an
+/// implementation describes each response by an info of its own, and the program begins a send for each in the
+/// [`Exchange`](crate::exchange::Exchange): a [client](crate::Client) ends its call with the first.
 pub trait Correlation: Framing {
     /// True if requests have a number that their response repeats. Without a number, a missing response must arrive or
     /// expire before the next request with its key may be sent.
@@ -71,8 +75,11 @@ pub trait Correlation: Framing {
     /// if its format allows. `None` if the frame cannot be a request.
     fn request(&self, frame: &[u8]) -> Option<RequestInfo<Self::Key, Self::Expect>>;
 
-    /// Returns true if a frame from the arm is the response to the request with this key, whatever its values. A request
-    /// never matches, because the line may echo it.
+    /// Returns true if a frame from the arm is the response to the request with this key, whatever its values.
+    ///
+    /// A request must not match on a line that may echo it: its echo would be taken for the response. A protocol whose
+    /// requests can have the form of a response needs a line without echoes, or a send whose
+    /// [offset](crate::exchange::Handover::offset) is behind the echo.
     fn is_response_to(&self, key: Self::Key, frame: &[u8]) -> bool;
 
     /// Returns true if a frame has the form of a request, and of no response: a [client](crate::Client) that receives it

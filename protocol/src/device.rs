@@ -78,6 +78,30 @@ impl<M: Messages, const N: usize> Device<M, N> {
         }
     }
 
+    /// The protocol. A request may borrow a text from the device: while the request is read, a copy of the protocol writes
+    /// the response.
+    ///
+    /// ```
+    /// use armwire::alpha1::{Alpha1, Outcome, Request, Response, Text};
+    /// use armwire::messages::Messages;
+    /// use armwire::{Device, DeviceEvent};
+    ///
+    /// let mut frame = [0; 64];
+    /// let n = Alpha1.encode_request(&Request::Play(Text::new(b"dance")?), &mut frame).unwrap();
+    /// let mut device = Device::<Alpha1, 64>::new(Alpha1);
+    /// assert!(device.receive(&frame[..n]).is_empty());
+    ///
+    /// let arm = *device.messages();
+    /// let Some(DeviceEvent::Request { request: Request::Play(name), key }) = device.poll() else { panic!("another request") };
+    /// let mut out = [0; 64];
+    /// let n = arm.encode_response(&Response::Playing(Outcome::Success), key, &mut out).unwrap();
+    /// println!("{name}: {:02X?}", &out[..n]);
+    /// # Ok::<(), armwire::OutOfRange>(())
+    /// ```
+    pub const fn messages(&self) -> &M {
+        &self.messages
+    }
+
     /// Free space for a read or DMA. Report the number of bytes with [`received`](Self::received). Never empty once
     /// [`poll`](Self::poll) has returned `None`.
     pub fn space(&mut self) -> &mut [u8] {
@@ -133,7 +157,7 @@ impl<M: Messages, const N: usize> Device<M, N> {
     }
 
     /// Writes a response at the front of `out` and returns its length in bytes. `to` is the key of its request, `None`
-    /// for an unsolicited response.
+    /// for an unsolicited response. For a request that is still read, see [`messages`](Self::messages).
     ///
     /// # Errors
     ///
