@@ -21,6 +21,8 @@
 //! # Features
 //!
 //! * `ling`, `ling-legacy`, `xarm`, `alpha1`: the protocols, all on by default. A disabled protocol is not compiled.
+//! * `small-crc`: Ling's checksum without its table of 1 KiB. A program is smaller, and decodes an answer on a Cortex-M4
+//!   with 1,000 instead of 300 instructions.
 //! * `async`: the driver.
 //! * `defmt`: `defmt::Format` for every value, message, event and error.
 //!

@@ -14,9 +14,11 @@ use crate::workspace::root;
 /// Cortex-M0, and Cortex-M4.
 const TARGETS: [&str; 2] = ["thumbv6m-none-eabi", TARGET];
 
-/// Each protocol alone and all together, without and with the adapter, which always has two of them.
-const FEATURES: [&str; 7] = [
+/// Each protocol alone and all together, Ling's with its smaller checksum, too, without and with the adapter, which always
+/// has two of them.
+const FEATURES: [&str; 8] = [
     "ling",
+    "ling,small-crc",
     "ling-legacy",
     "xarm",
     "alpha1",

@@ -14,6 +14,10 @@
 //! this sequence of bytes is accepted; the length of any other frame must match. The sequence is unambiguous: with
 //! length 0, the fifth byte would be the checksum, C8.
 
+#[cfg(feature = "small-crc")]
+use crc::NoTable;
+#[cfg(not(feature = "small-crc"))]
+use crc::Table;
 use crc::{CRC_32_ISO_HDLC, Crc};
 
 use super::Ling;
@@ -62,7 +66,13 @@ pub(super) const NO_VALUE: u8 = 0xFE;
 /// The terminator: the last byte of every frame.
 pub const TAIL: u8 = 0xFF;
 
-static CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
+/// The table of the checksum: 1 KiB, or none.
+#[cfg(not(feature = "small-crc"))]
+type CrcTable = Table<1>;
+#[cfg(feature = "small-crc")]
+type CrcTable = NoTable;
+
+static CRC: Crc<u32, CrcTable> = Crc::<u32, CrcTable>::new(&CRC_32_ISO_HDLC);
 
 /// The checksum of `body`, which is command, function, length and data.
 ///
