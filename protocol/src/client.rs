@@ -152,7 +152,7 @@ pub enum Event<'a, R> {
     /// A response without a request.
     Unsolicited(R),
     /// A frame with the [form of a request](crate::correlation::Correlation::is_request): an echo of the line, or a request
-    /// of another host.
+    /// of another host. On a line that is known to [echo](crate::correlation::Correlation::echoes), the request itself.
     Echo,
     /// A valid frame that is neither a message of the protocol nor the answer to the request in flight.
     Unknown {
@@ -247,6 +247,8 @@ struct Outgoing<M: Messages, const N: usize> {
     len: usize,
     /// The number of zeros left of a void, which precedes any other byte.
     void: usize,
+    /// The line has not returned the frame yet.
+    is_echo_due: bool,
 }
 
 impl<M: Messages, const N: usize> Outgoing<M, N> {
@@ -339,6 +341,13 @@ impl<M: Messages, const N: usize> Outgoing<M, N> {
         }
     }
 
+    /// Returns true if these bytes are the frame, which the line returns once.
+    fn take_echo(&mut self, bytes: &[u8]) -> bool {
+        let is_echo = self.is_echo_due && self.tx.get(..self.len) == Some(bytes);
+        self.is_echo_due &= !is_echo;
+        is_echo
+    }
+
     /// The port accepted `n` of the pending bytes.
     fn transmitted(&mut self, messages: &M, n: usize, config: &Config, received: u64, now: Instant) {
         // The program may have been interrupted in the write.
@@ -373,6 +382,9 @@ impl<M: Messages, const N: usize> Outgoing<M, N> {
         *at = at.saturating_add(n);
         if *at < self.len {
             return;
+        }
+        if messages.echoes() {
+            self.is_echo_due = true;
         }
         let response = self.info.and_then(|info| info.response);
         let (Some(info), Some(response)) = (self.info, response) else {
@@ -602,6 +614,7 @@ impl<M: Messages, const N: usize> Client<M, N> {
                 tx: [0; N],
                 len: 0,
                 void: 0,
+                is_echo_due: false,
             },
             last_rx: Instant::ZERO,
             number: 0,
@@ -861,6 +874,10 @@ impl<M: Messages, const N: usize> Client<M, N> {
             let Some(span) = self.decoder.advance_to_event(&self.messages, expect) else {
                 break;
             };
+            if self.messages.echoes() && self.outgoing.take_echo(self.decoder.item(span).bytes) {
+                self.frame_len = span.len();
+                return Output::Event(Event::Echo);
+            }
             let matched = self.assign(span, now);
             if !matches!(matched, Some(Match::Late { who: Who::Fence, .. })) {
                 return Output::Event(self.event(span, expect, matched));

@@ -78,9 +78,16 @@ pub trait Correlation: Framing {
     /// Returns true if a frame from the arm is the response to the request with this key, whatever its values.
     ///
     /// A request must not match on a line that may echo it: its echo would be taken for the response. A protocol whose
-    /// requests can have the form of a response needs a line without echoes, or a send whose
-    /// [offset](crate::exchange::Handover::offset) is behind the echo.
+    /// requests can have the form of a response [states](Self::echoes) that its line echoes; without a client, it needs a
+    /// send whose [offset](crate::exchange::Handover::offset) is behind the echo.
     fn is_response_to(&self, key: Self::Key, frame: &[u8]) -> bool;
+
+    /// Returns true if the line returns every request to its sender, as one wire for both directions does. A
+    /// [client](crate::Client) then takes the first frame that equals its request for the echo, even if it has the form of
+    /// a response. Not needed where [`is_request`](Self::is_request) tells them apart.
+    fn echoes(&self) -> bool {
+        false
+    }
 
     /// Returns true if a frame has the form of a request, and of no response: a [client](crate::Client) that receives it
     /// reports an echo. Always `false` for a protocol whose line echoes nothing.

@@ -1,4 +1,5 @@
-//! Requests that end while they are transmitted: the void, and a protocol that has none.
+//! A protocol outside the crate on its engine: requests without a void, values that do not fit, a line that echoes. And
+//! the voids of the crate's protocols.
 
 #[allow(dead_code, unreachable_pub, reason = "it is shared with other tests")]
 mod vectors;
@@ -26,7 +27,22 @@ use vectors::Vector;
 
 /// A protocol without an end mark: 55 from the host or 56 from the arm, a number of bytes, the bytes, their sum.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Summed;
+struct Summed {
+    /// The header of the arm's frames.
+    header: u8,
+    echoes: bool,
+}
+
+const SUMMED: Summed = Summed {
+    header: 0x56,
+    echoes: false,
+};
+
+/// One wire, on which a request and its answer look alike.
+const ONE_WIRE: Summed = Summed {
+    header: 0x55,
+    echoes: true,
+};
 
 /// The bytes of a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -91,7 +107,7 @@ impl Framing for Summed {
     }
 
     fn unsolicited(&self) -> u8 {
-        0x56
+        self.header
     }
 }
 
@@ -101,7 +117,7 @@ impl Correlation for Summed {
     fn request(&self, _frame: &[u8]) -> Option<InfoOf<Self>> {
         Some(RequestInfo {
             key: (),
-            expect: 0x56,
+            expect: self.header,
             response: Some(ResponseTiming {
                 longest: 10,
                 turnaround: Duration::from_millis(1),
@@ -111,7 +127,11 @@ impl Correlation for Summed {
     }
 
     fn is_response_to(&self, (): (), frame: &[u8]) -> bool {
-        frame.first() == Some(&0x56)
+        frame.first() == Some(&self.header)
+    }
+
+    fn echoes(&self) -> bool {
+        self.echoes
     }
 }
 
@@ -132,7 +152,7 @@ impl Messages for Summed {
     }
 
     fn encode_response(&self, response: &Bytes<'_>, _: Option<()>, out: &mut [u8]) -> Result<usize, BufferTooShort> {
-        put(0x56, response.0, out)
+        put(self.header, response.0, out)
     }
 
     fn parse_response<'a>(&self, frame: &'a [u8], _: u8) -> Result<Bytes<'a>, ParseError> {
@@ -225,7 +245,7 @@ const WHOLE: [u8; 7] = [0x55, 0x04, 0x00, 0x00, 0x00, 0x00, 0x00];
 #[test]
 fn request_without_void_is_transmitted_to_its_end() {
     for cut in 1..WHOLE.len() {
-        let mut client = Client::<Summed, 260>::new(Summed, Config::DEFAULT);
+        let mut client = Client::<Summed, 260>::new(SUMMED, Config::DEFAULT);
         client.submit(&REQUEST).unwrap();
         let (mut line, _) = transmit(&mut client, cut);
         client.cancel();
@@ -252,7 +272,7 @@ fn request_without_void_is_transmitted_to_its_end() {
 
 #[test]
 fn unstarted_request_without_void_is_never_sent() {
-    let mut client = Client::<Summed, 260>::new(Summed, Config::DEFAULT);
+    let mut client = Client::<Summed, 260>::new(SUMMED, Config::DEFAULT);
     client.submit(&REQUEST).unwrap();
     client.cancel();
     assert_eq!(transmit(&mut client, usize::MAX), (vec![], vec![]));
@@ -261,7 +281,7 @@ fn unstarted_request_without_void_is_never_sent() {
 
 #[test]
 fn repeat_without_void_ends_before_its_answer() {
-    let mut client = Client::<Summed, 260>::new(Summed, Config::DEFAULT);
+    let mut client = Client::<Summed, 260>::new(SUMMED, Config::DEFAULT);
     client.submit(&NEXT).unwrap();
     assert_eq!(transmit(&mut client, usize::MAX).0, NEXT_BYTES);
     let Output::Timeout(Some(due)) = client.poll(Instant::ZERO) else {
@@ -278,10 +298,34 @@ fn repeat_without_void_ends_before_its_answer() {
 
 #[test]
 fn request_whose_value_does_not_fit_is_refused() {
-    let mut client = Client::<Summed, 260>::new(Summed, Config::DEFAULT);
+    let mut client = Client::<Summed, 260>::new(SUMMED, Config::DEFAULT);
     let error = client.submit(&Bytes(&[0; 201])).unwrap_err();
     assert_eq!(error.to_string(), "message is 201 bytes, must be 0..=200");
     assert!(client.is_idle());
+}
+
+#[test]
+fn echo_is_no_answer_though_it_looks_alike() {
+    let mut client = Client::<Summed, 260>::new(ONE_WIRE, Config::DEFAULT);
+    client.submit(&NEXT).unwrap();
+    assert_eq!(transmit(&mut client, usize::MAX).0, NEXT_BYTES);
+    assert!(
+        client
+            .receive(Instant::ZERO, &[NEXT_BYTES, NEXT_BYTES].concat())
+            .is_empty()
+    );
+    assert_eq!(client.poll(Instant::ZERO), Output::Event(Event::Echo));
+    assert_eq!(client.frame(), NEXT_BYTES);
+    assert_eq!(client.poll(Instant::ZERO), Output::Event(Event::Answer(NEXT)));
+}
+
+#[test]
+fn answer_counts_without_its_echo() {
+    let mut client = Client::<Summed, 260>::new(ONE_WIRE, Config::DEFAULT);
+    client.submit(&NEXT).unwrap();
+    transmit(&mut client, usize::MAX);
+    assert!(client.receive(Instant::ZERO, &[0x55, 0, 0]).is_empty());
+    assert_eq!(client.poll(Instant::ZERO), Output::Event(Event::Answer(Bytes(&[]))));
 }
 
 /// Accepts one byte at a time, as long as some are free. It has nothing to read.
@@ -337,7 +381,7 @@ fn dropped_call_without_void_is_written_to_its_end() {
         line: &line,
         free: &free,
     };
-    let mut driver = Driver::<Summed, _, _, 260>::new(Summed, port, Still, Config::DEFAULT);
+    let mut driver = Driver::<Summed, _, _, 260>::new(SUMMED, port, Still, Config::DEFAULT);
     let mut start = |request| {
         let call = pin!(driver.call(request, |_| ()));
         assert!(call.poll(&mut Context::from_waker(Waker::noop())).is_pending());
