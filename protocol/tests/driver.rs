@@ -58,6 +58,9 @@ struct World {
     written: (usize, usize),
     /// The bytes that the port accepted.
     line: Vec<u8>,
+    /// The control mode of a force-feedback leader, which is applied with the third reading after it was accepted.
+    mode: Option<ControlMode>,
+    accepted: Option<(ControlMode, u8)>,
     /// The only request that the arm may receive, if this is checked.
     current: Option<Request>,
     /// The fates of the next answers. The others arrive after the turnaround.
@@ -116,6 +119,8 @@ fn world() -> Shared {
         writes: VecDeque::new(),
         written: (0, 0),
         line: Vec::new(),
+        mode: None,
+        accepted: None,
         current: None,
         fates: VecDeque::new(),
     })
@@ -156,13 +161,48 @@ impl World {
                 Request::ReadTemperatures => Response::Temperatures(TEMPERATURES),
                 Request::ReadVelocities => Response::Velocities(PerServo::Leader([number; 6])),
                 Request::SelfCheck => Response::SelfCheck(CHECK),
-                _ => continue,
+                request => match self.answer_of_leader(&request) {
+                    Some(response) => response,
+                    None => continue,
+                },
             };
             let mut out = [0; MAX_FRAME];
             let n = Ling.encode_response(&response, None, &mut out).unwrap();
             let answer = self.instead.as_deref().unwrap_or(&out[..n]);
             let reply = [answer, &self.after].concat();
             self.answer(reply);
+        }
+    }
+
+    fn answer_of_leader(&mut self, request: &Request) -> Option<Response> {
+        let mode = self.mode.as_mut()?;
+        match *request {
+            Request::SetMode(requested) => {
+                self.accepted = Some((requested, 3));
+                let (requested, result) = (requested as u8, ModeResult::Accepted);
+                Some(Response::ModeReply(ModeReply { requested, result }))
+            }
+            Request::ReadMode => {
+                if let Some((accepted, readings)) = &mut self.accepted {
+                    *readings -= 1;
+                    if *readings == 0 {
+                        *mode = *accepted;
+                        self.accepted = None;
+                    }
+                }
+                Some(Response::Mode(ModeState {
+                    mode: *mode,
+                    blocked: JointMask(0),
+                    valid: JointMask(0x3F),
+                    joints: [JointForce::default(); 6],
+                }))
+            }
+            Request::SetForceFeedback(is_requested) => Some(Response::ForceFeedback(ForceFeedback {
+                is_requested,
+                ..ForceFeedback::default()
+            })),
+            Request::ReadForceFeedback => Some(Response::ForceFeedback(ForceFeedback::default())),
+            _ => None,
         }
     }
 
@@ -376,6 +416,32 @@ fn silence_is_an_error_with_the_attempts() {
     let error = run(&world, arm(&world).self_check()).unwrap_err();
     assert_eq!(error, CallError::TimedOut { sends: 3 });
     assert_eq!(world.borrow().requests, [Request::SelfCheck; 3]);
+}
+
+#[test]
+fn mode_is_set_once_it_is_applied() {
+    let world = world();
+    world.borrow_mut().mode = Some(ControlMode::Position);
+    let mut arm = arm(&world);
+    let state = run(&world, arm.set_mode(ControlMode::Current)).unwrap();
+    assert_eq!(state.mode, ControlMode::Current);
+    let set = Request::SetMode(ControlMode::Current);
+    let read = Request::ReadMode;
+    let requests = world.borrow().requests.clone();
+    assert_eq!(requests, [read, set, read, read, read]);
+    assert!(run(&world, arm.set_force_feedback(true)).unwrap().is_requested);
+    assert!(!run(&world, arm.read_force_feedback()).unwrap().is_requested);
+}
+
+#[test]
+fn arm_that_is_no_leader_gets_no_mode() {
+    let world = world();
+    let mut arm = arm(&world);
+    let error = run(&world, arm.set_mode(ControlMode::Current)).unwrap_err();
+    assert_eq!(error, CallError::TimedOut { sends: 3 });
+    assert!(run(&world, arm.set_force_feedback(true)).is_err());
+    let is_read = |request: &Request| *request == Request::ReadMode || is_fence(request);
+    assert!(world.borrow().requests.iter().all(is_read));
 }
 
 #[test]

@@ -8,7 +8,7 @@ use std::rc::Rc;
 use std::vec;
 use std::vec::Vec;
 
-use armwire::ling::{self, GripperSpeed, JOINTS, Ling, Move, Opening, Position, Speed, TemperatureLimit};
+use armwire::ling::{self, ControlMode, GripperSpeed, JOINTS, Ling, Move, Opening, Position, Speed, TemperatureLimit};
 use armwire::messages::Messages;
 use armwire::{alpha1, ling::READ_JOINTS};
 
@@ -263,7 +263,9 @@ fn standing_arm_is_held_at_its_known_goal() {
         goal
     );
     // The goal is not known any more.
-    for forgotten in [ling::TORQUE_OFF.to_vec(), set_zero] {
+    let mode = frame(ling::Request::SetMode(ControlMode::Position));
+    let feedback = [true, false].map(|is_on| frame(ling::Request::SetForceFeedback(is_on)));
+    for forgotten in [ling::TORQUE_OFF.to_vec(), set_zero, mode].into_iter().chain(feedback) {
         assert_eq!(hold_after(&[motion_with_gripper(250), forgotten]), here(1000));
     }
     let mut undecodable = motion_with_gripper(250);
@@ -462,6 +464,19 @@ fn motion_is_refused_for_two_seconds() {
     assert_eq!(sent(&rig), [hold(POSE, 310), motion(), motion()]);
 }
 
+/// The motors push the joints from then on.
+#[test]
+fn force_feedback_is_refused_after_a_stop() {
+    let mut rig = rig(config());
+    rig.request(Request::Stop);
+    rig.run(5_000);
+    rig.usb_out.extend(frame(ling::Request::SetForceFeedback(true)));
+    rig.can_out.push_back(frame(ling::Request::SetForceFeedback(true)));
+    rig.run(5_000);
+    assert_eq!(sent(&rig), [hold(POSE, 310)]);
+    assert_eq!(rig.bridge.counters().refused_stopped, 2);
+}
+
 #[test]
 fn stop_in_force_tells_its_host_and_the_time_left() {
     let mut rig = rig(config());
@@ -492,7 +507,14 @@ fn other_requests_pass_after_a_stop() {
     rig.request(Request::Stop);
     rig.run(5_000);
     let read = ling(0x06, 2, &[0xFE]);
-    for request in [read, ling::TORQUE_OFF.to_vec(), ling::TORQUE_ON.to_vec()] {
+    let of_leader = [
+        ling::Request::SetMode(ControlMode::Current),
+        ling::Request::ReadMode,
+        ling::Request::SetForceFeedback(false),
+        ling::Request::ReadForceFeedback,
+    ];
+    let torque = [ling::TORQUE_OFF.to_vec(), ling::TORQUE_ON.to_vec()];
+    for request in [read].into_iter().chain(torque).chain(of_leader.map(frame)) {
         for is_usb in [true, false] {
             match is_usb {
                 true => rig.usb_out.extend(&request),

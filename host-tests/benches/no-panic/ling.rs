@@ -3,10 +3,12 @@
 use core::hint::black_box;
 
 use armwire::ling::{
-    Frame, Info, JointState, Kind, Ling, MAX_FRAME, MotionStatus, Opening, PerServo, Position, Request, Response,
-    SelfCheck, SerialNumber, Speed, Stroke, TemperatureLimit, checksum,
+    ControlMode, ForceFeedback, Frame, Info, JointMask, JointState, Kind, Ling, MAX_FRAME, ModeChange, ModeReply,
+    ModeState, MotionStatus, Opening, PerServo, Position, Request, Response, SelfCheck, SerialNumber, Speed, Stroke,
+    TemperatureLimit, checksum, mode_change,
 };
 use armwire::raw::Raw;
+use armwire::time::Instant;
 
 use crate::bytes::bytes;
 use crate::protocol;
@@ -65,6 +67,21 @@ pub(crate) fn call_all() {
         PerServo::<u8>::try_from(response).is_ok(),
         PerServo::<u16>::try_from(response).is_ok(),
     ));
+
+    black_box((
+        ModeReply::try_from(response).is_ok(),
+        ModeState::try_from(response).is_ok(),
+        ForceFeedback::try_from(response).is_ok(),
+    ));
+    black_box(JointMask(black_box(0)).has(black_box(0)));
+    let mut change = ModeChange::new(black_box(ControlMode::Current));
+    if let Ok(state) = ModeState::try_from(response) {
+        change.on_mode(black_box(Instant::ZERO), &state);
+    }
+    if let Ok(reply) = ModeReply::try_from(response) {
+        change.on_reply(&reply);
+    }
+    black_box(change.poll(black_box(Instant::ZERO)) == mode_change::Output::Wait(Instant::ZERO));
 
     let serial = black_box(SerialNumber([0; 16]));
     black_box(serial.as_str());
