@@ -60,6 +60,8 @@ pub(crate) fn exception(error: Error) -> PyErr {
         | Error::Immovable { .. }
         | Error::MotionRefused { .. }
         | Error::NoEffect { .. }
+        | Error::NoForceFeedback { .. }
+        | Error::ModeNotApplied { .. }
         | Error::NoParkPose { .. }
         | Error::Unsupported { .. } => RefusedError::new_err(text),
         Error::ErrorFrame { .. } => ErrorFrameError::new_err(text),

@@ -30,13 +30,17 @@ mod _armwire {
     use super::joints_file::read_joints_file;
     #[pymodule_export]
     use super::ling::{
-        LingParking, LingPort, LingSwitching, LingWait, ling_angles, ling_is_holding, ling_joints, ling_motion_refusal,
+        LingModeSwitching, LingParking, LingPort, LingSwitching, LingWait, ling_angles, ling_is_holding, ling_joints,
+        ling_motion_refusal,
     };
     #[pymodule_export]
     use super::reader::{LingReader, XArmReader};
     /// The slowest speed of a move of a Ling arm, in ticks per second.
     #[pymodule_export]
     const SLOWEST_TICKS_S: u16 = armwire::ling::Speed::SLOWEST.ticks_per_second();
+    /// The slowest speed of a move of a force-feedback leader, in ticks per second.
+    #[pymodule_export]
+    const SLOWEST_OF_FORCE_FEEDBACK_TICKS_S: u16 = armwire::ling::Speed::SLOWEST_OF_FORCE_FEEDBACK.ticks_per_second();
     /// The version of the package.
     #[pymodule_export]
     const VERSION: &str = env!("CARGO_PKG_VERSION");

@@ -7,11 +7,11 @@ use std::time::Duration;
 use armwire::ling::effect::{Effect, Outcome};
 use armwire::ling::stop::{Grip, Stopped};
 use armwire::ling::{
-    self, GripperSpeed, JOINTS, JointState, Kind, MotionStatus, Opening, Position, Speed, Stroke, TemperatureLimit,
-    Torque,
+    self, ControlMode, ForceFeedback, GripperSpeed, JOINTS, JointState, Kind, ModeState, MotionStatus, Opening,
+    Position, Speed, Stroke, TemperatureLimit, Torque,
 };
 use armwire::messages::Messages;
-use armwire_host::{Error, Ling, ParkPoses, Parking, Switching, Wait};
+use armwire_host::{Error, Ling, ModeSwitching, ParkPoses, Parking, Switching, Wait};
 use pyo3::prelude::*;
 use pyo3::types::PyByteArray;
 
@@ -22,6 +22,13 @@ use crate::session::{Session, check_signals, lock};
 
 /// Bytes of an answer after its documented fields.
 type Extra = Vec<u8>;
+
+/// Mode, masks of the blocked and of the valid joints, and for each joint the residual torque, the requested, the output
+/// and the measured current, in thousandths.
+type Mode = (u8, u8, u8, [[i16; 4]; JOINTS]);
+
+/// Requested, effective, inhibit mask, sync, torque, requested torque, transition, grip and requested mode.
+type Feedback = (bool, bool, u8, bool, bool, bool, u8, u8, u8);
 
 /// A wait for the joints at a target.
 #[pyclass(frozen, module = "armwire._armwire")]
@@ -42,6 +49,23 @@ impl LingSwitching {
     #[staticmethod]
     fn zero() -> Self {
         Self(Mutex::new(Switching::new(Effect::Zero)))
+    }
+}
+
+/// A change of the control mode, which is read back.
+#[pyclass(frozen, module = "armwire._armwire")]
+pub(crate) struct LingModeSwitching(Mutex<ModeSwitching>);
+
+#[pymethods]
+impl LingModeSwitching {
+    #[new]
+    fn new(is_current: bool) -> Self {
+        let mode = if is_current {
+            ControlMode::Current
+        } else {
+            ControlMode::Position
+        };
+        Self(Mutex::new(ModeSwitching::new(mode)))
     }
 }
 
@@ -138,11 +162,16 @@ impl LingPort {
         gripper: Option<u16>,
         gripper_speed: u16,
     ) -> PyResult<bool> {
+        // Slower ones are a force-feedback leader's, after it has answered for its mode.
+        let slowest = match speeds.into_iter().min() {
+            Some(speed) if speed < Speed::SLOWEST.ticks_per_second() => self.0.with(py, |arm| Ok(arm.slowest()))?,
+            _ => Speed::SLOWEST,
+        };
         let mut joints = [(Position::CENTRE, Speed::MAX); JOINTS];
         for (joint, (position, speed)) in joints.iter_mut().zip(positions.into_iter().zip(speeds)) {
             *joint = (
                 Position::new(position).map_err(value_error)?,
-                Speed::for_move(speed).map_err(value_error)?,
+                Speed::from_slowest(slowest, speed).map_err(value_error)?,
             );
         }
         let gripper = opening(gripper)?;
@@ -243,6 +272,28 @@ impl LingPort {
         self.0.with(py, |arm| arm.set_temperature_limit(limit))
     }
 
+    fn read_mode(&self, py: Python<'_>) -> PyResult<(Mode, Extra)> {
+        self.0.with(py, |arm| Ok((mode(&arm.read_mode()?), extra(arm))))
+    }
+
+    /// The mode once it is applied, and its extra bytes. `None` before.
+    fn read_mode_change(&self, py: Python<'_>, switching: &LingModeSwitching) -> PyResult<Option<(Mode, Extra)>> {
+        self.0.with(py, |arm| {
+            let applied = lock(&switching.0).step(arm)?;
+            Ok(applied.map(|state| (mode(&state), extra(arm))))
+        })
+    }
+
+    fn read_force_feedback(&self, py: Python<'_>) -> PyResult<(Feedback, Extra)> {
+        self.0
+            .with(py, |arm| Ok((feedback(&arm.read_force_feedback()?), extra(arm))))
+    }
+
+    fn set_force_feedback(&self, py: Python<'_>, on: bool) -> PyResult<(Feedback, Extra)> {
+        self.0
+            .with(py, |arm| Ok((feedback(&arm.set_force_feedback(on)?), extra(arm))))
+    }
+
     /// Reads the joints in a thread, at this rate in hertz.
     fn reader(&self, py: Python<'_>, rate: u32) -> PyResult<LingReader> {
         self.0.reader(py, rate).map(LingReader::new)
@@ -272,6 +323,32 @@ impl LingPort {
 fn shown(arm: &Ling, outcome: &Outcome) -> (Joints, Extra, Option<String>) {
     let text = (!outcome.is_shown).then(|| format!("{}: {outcome}", arm.name()));
     (joints(outcome.state), extra(arm), text)
+}
+
+fn mode(state: &ModeState) -> Mode {
+    let joints = state.joints.map(|joint| {
+        [
+            joint.residual_torque,
+            joint.requested_current,
+            joint.output_current,
+            joint.measured_current,
+        ]
+    });
+    (state.mode as u8, state.blocked.0, state.valid.0, joints)
+}
+
+fn feedback(state: &ForceFeedback) -> Feedback {
+    (
+        state.is_requested,
+        state.is_effective,
+        state.inhibit.0,
+        state.is_sync_active,
+        state.is_torque_enabled,
+        state.is_torque_requested,
+        state.transition,
+        state.grip,
+        state.requested_mode,
+    )
 }
 
 /// The positions with these ticks.

@@ -150,8 +150,14 @@ pub(crate) struct VirtualLing(Shared<LingArm>);
 #[pymethods]
 impl VirtualLing {
     #[new]
-    fn new(leader: bool, turnaround_us: u64, seed: u64, plant: Option<&str>) -> PyResult<PyClassInitializer<Self>> {
-        let base = if leader {
+    fn new(
+        leader: bool,
+        turnaround_us: u64,
+        seed: u64,
+        plant: Option<&str>,
+        force_feedback: Option<&str>,
+    ) -> PyResult<PyClassInitializer<Self>> {
+        let base = if leader || force_feedback.is_some() {
             ling::Config::leader()
         } else {
             ling::Config::follower()
@@ -159,6 +165,7 @@ impl VirtualLing {
         let config = ling::Config {
             turnaround: Duration::from_micros(turnaround_us),
             plant: plant.map_or(Ok(Plant::DEFAULT), str::parse).map_err(value_error)?,
+            force_feedback: force_feedback.map(str::parse).transpose().map_err(value_error)?,
             ..base
         };
         Shared::on_pty(LingArm::new(config), seed)

@@ -168,6 +168,13 @@ LING: dict[str, tuple[Any, ...]] = {
     "read_park_pose_deg": (),
     "set_zero": (),
 }
+# A force-feedback leader's, which starts without torque.
+LEADER: dict[str, tuple[Any, ...]] = {
+    "read_mode": (),
+    "set_mode": (armwire.ControlMode.CURRENT,),
+    "set_force_feedback": (True,),
+    "read_force_feedback": (),
+}
 KEYWORDS: dict[str, dict[str, Any]] = {
     "park": {"joints_deg": [0] * 6},
     "move_deg": {"gripper_permille": 0, "speed_deg_s": 10},
@@ -215,6 +222,7 @@ SERVOS: dict[str, tuple[Any, ...]] = {
     ("make", "name", "calls"),
     [
         (partial(sim.ling, plant="ideal"), "Ling", LING),
+        (partial(sim.ling, force_feedback="apply=0ms"), "Ling", LEADER),
         (sim.xarm, "XArm", XARM),
         (sim.xarm, "XArm", XARM_OFF),
         (sim.alpha1, "Alpha1", ALPHA1),
@@ -246,7 +254,7 @@ def test_variant_returns_the_same(
 
 
 def test_every_arms_variant_is_called() -> None:
-    called = {"Ling": {*LING}, "XArm": {*XARM, *XARM_OFF}, "Alpha1": {*ALPHA1, *SERVOS}}
+    called = {"Ling": {*LING, *LEADER}, "XArm": {*XARM, *XARM_OFF}, "Alpha1": {*ALPHA1, *SERVOS}}
     for name, calls in called.items():
         # A reader has its own test: its name is that of a port.
         assert calls == {*methods(getattr(armwire, name))} - {"close", "reader"}

@@ -12,7 +12,7 @@ from . import aio, errors
 from ._adapter import Adapter, AdapterIdentity, JointRecording, Telemetry
 from ._alpha1 import Alpha1
 from ._armwire import VERSION as __version__
-from ._ling import JointState, LineErrors, Ling, LingInfo, MotionStatus
+from ._ling import ControlMode, ForceFeedback, Inhibit, JointState, LineErrors, Ling, LingInfo, ModeState, MotionStatus
 from ._reader import Reader, ReaderCounts, Reading
 from ._xarm import Answer, XArm, XArmSerials, XArmState, XArmVersion
 from .errors import ArmwireError
@@ -23,11 +23,15 @@ __all__ = [
     "Alpha1",
     "Answer",
     "ArmwireError",
+    "ControlMode",
+    "ForceFeedback",
+    "Inhibit",
     "JointRecording",
     "JointState",
     "LineErrors",
     "Ling",
     "LingInfo",
+    "ModeState",
     "MotionStatus",
     "Reader",
     "ReaderCounts",

@@ -8,7 +8,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from enum import IntEnum
+from enum import IntEnum, IntFlag
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -37,6 +37,8 @@ if TYPE_CHECKING:
 
     # Ticks, gripper, status, and the number of data bytes of another robot.
     Counts: TypeAlias = tuple[tuple[int, ...], int, int, int]
+    # Mode, masks of the blocked and the valid joints, and each joint's torque and currents in thousandths.
+    Mode: TypeAlias = tuple[int, int, int, tuple[tuple[int, int, int, int], ...]]
 
 MAX_GRIPPER = 1000
 # Polling interval of waits.
@@ -52,6 +54,26 @@ class MotionStatus(IntEnum):
     SYNC_LOCKED = 0x11
     OVERHEATING = 0xE1
     OVERHEAT_PROTECTION = 0xE2
+
+
+class ControlMode(IntEnum):
+    """The control mode of a force-feedback leader. Its torque may be off in both."""
+
+    POSITION = 0
+    CURRENT = 1
+
+
+class Inhibit(IntFlag):
+    """The reasons why the force feedback does not act. Undocumented bits are kept."""
+
+    NO_TELEOPERATION = 1
+    """The arm is not in teleoperation."""
+    STALE = 4
+    """The link or the sample is older than 30 ms."""
+    FAULT = 8
+    """The hardware has a fault."""
+    UNSUPPORTED = 16
+    """It is not supported."""
 
 
 _STATUSES = {int(status): status for status in MotionStatus}
@@ -131,6 +153,54 @@ class JointState:
 
 
 @dataclass(frozen=True)
+class ModeState:
+    """The applied control mode of a force-feedback leader, and the torques and currents of joints 1 to 6."""
+
+    mode: ControlMode
+    """The applied mode."""
+    blocked: tuple[int, ...]
+    """The blocked joints, from 1. Only joints 2 and 3 are documented."""
+    valid: tuple[int, ...]
+    """The joints, from 1, whose values are valid."""
+    residual_torques_nm: tuple[float, ...]
+    """The remote residual torques in Nm."""
+    requested_currents_a: tuple[float, ...]
+    """The requested currents in A."""
+    output_currents_a: tuple[float, ...]
+    """The output currents in A."""
+    measured_currents_a: tuple[float, ...]
+    """The measured currents in A."""
+    extra: bytes = b""
+    """Bytes that the arm sent after the documented ones."""
+
+
+@dataclass(frozen=True)
+class ForceFeedback:
+    """The state of the force feedback. Requested is not effective."""
+
+    is_requested: bool
+    """It is requested."""
+    is_effective: bool
+    """It acts on the joints."""
+    inhibit: Inhibit
+    """The reasons why it does not act."""
+    is_sync_active: bool
+    """The synchronization with another arm is active."""
+    is_torque_enabled: bool
+    """The torque is on."""
+    is_torque_requested: bool
+    """The torque is requested."""
+    transition: int
+    """Diagnostic: the state of the transition."""
+    grip_raw: int
+    """Diagnostic: the raw value of the grip."""
+    requested_mode: int
+    """Diagnostic: the requested mode."""
+    extra: bytes = b""
+    """Bytes that the arm sent after the documented ones."""
+
+
+@dataclass(frozen=True)
 class LineErrors:
     """Line errors since the port was opened."""
 
@@ -145,6 +215,21 @@ def joint_state(counts: Counts, extra: bytes = b"") -> JointState:
     ticks, gripper, status, foreign_data_bytes = counts
     named = status if foreign_data_bytes else _STATUSES.get(status, status)
     return JointState(tuple(ticks), gripper, named, extra, foreign_data_bytes)
+
+
+def mode_state(counts: Mode, extra: bytes) -> ModeState:
+    """The mode in these counts."""
+    mode, blocked, valid, joints = counts
+    torques, requested, output, measured = (
+        tuple(value / 1000 for value in values) for values in zip(*joints, strict=True)
+    )
+    return ModeState(
+        ControlMode(mode), _joints_of(blocked), _joints_of(valid), torques, requested, output, measured, extra
+    )
+
+
+def _joints_of(mask: int) -> tuple[int, ...]:
+    return tuple(joint for joint in range(1, 9) if mask >> (joint - 1) & 1)
 
 
 class Ling(Open):
@@ -166,6 +251,7 @@ class Ling(Open):
             `save_park_pose`, `read_park_pose_deg`
     Set     `set_torque`, `set_zero`: the arm falls without torque
             `set_stroke_mm`, `set_temperature_limit_celsius`
+    Force   `read_mode`, `set_mode`, `read_force_feedback`, `set_force_feedback`: of a force-feedback leader
     End     `close`, or the end of `with`
 
     Calls wait for the answer. Reads are retried twice and time out after 0.4 s. Other threads run during a call and may
@@ -186,6 +272,7 @@ class Ling(Open):
 
     def __init__(self, port: str, *, baud: int | None = None) -> None:
         self._port = _armwire.LingPort(port, baud_rate(baud))
+        self._slowest = _armwire.SLOWEST_TICKS_S
         super().__init__(port, self._port)
 
     def reader(self, rate_hz: int) -> Reader[JointState]:
@@ -267,7 +354,8 @@ class Ling(Open):
         Args:
             joints: Angles of joints 1 to 6 in degrees, -180 to 179.912.
             speed_deg_s: Degrees per second, 4.395 to 439.453: one number for all joints, or six. An arm may take a
-                lower speed for 0. The vendor's software rounds to steps of 4.395; this sends the nearest tick.
+                lower speed for 0. The vendor's software rounds to steps of 4.395; this sends the nearest tick. A
+                force-feedback leader that has answered `read_mode` takes 0.088, too.
             gripper_permille: The gripper, 0 closed to 1000 open. It moves in the same request. If omitted, it is the
                 last goal that this object has sent since the torque was off. Without one it is the reading, with a
                 warning: a grip may loosen.
@@ -280,7 +368,7 @@ class Ling(Open):
                 its control port, in a stream of moves once a second.
         """
         ticks = position_ticks(joints, DEG_PER_TICK, "degrees")
-        speeds = speed_ticks(speed_deg_s, DEG_PER_TICK, "degrees/s")
+        speeds = speed_ticks(speed_deg_s, DEG_PER_TICK, "degrees/s", self._slowest)
         self._move(ticks, speeds, gripper_permille, gripper_ticks_s)
 
     def move_rad(
@@ -293,7 +381,7 @@ class Ling(Open):
     ) -> None:
         """Start a move to these angles in radians, -3.14159 to 3.14006, at 0.0767 to 7.66990 rad/s. See `move_deg`."""
         ticks = position_ticks(joints, RAD_PER_TICK, "rad")
-        speeds = speed_ticks(speed_rad_s, RAD_PER_TICK, "rad/s")
+        speeds = speed_ticks(speed_rad_s, RAD_PER_TICK, "rad/s", self._slowest)
         self._move(ticks, speeds, gripper_permille, gripper_ticks_s)
 
     def stop(self, *, gripper_permille: int | None = None, hold_reading: bool = False) -> JointState:
@@ -443,9 +531,57 @@ class Ling(Open):
         """Set the overheat protection limit, 0 to 255 °C except 254; the factory default is 85."""
         self._port.set_temperature_limit(count("temperature limit in °C", limit, 255))
 
+    def read_mode(self) -> ModeState:
+        """Read the control mode and the currents of a force-feedback leader.
+
+        Raises:
+            RefusedError: The arm is none: it answers, but not this request. Later calls send nothing.
+        """
+        return self._mode(self._port.read_mode())
+
+    def set_mode(self, mode: ControlMode) -> ModeState:
+        """Set the control mode of a force-feedback leader, and wait until it is applied, 2 s at most.
+
+        The torque may be off then: after a return to position mode it is. The next move reads it first.
+
+        Returns:
+            The reading that shows the mode.
+
+        Raises:
+            RefusedError: The arm refuses the mode, or does not apply it; or it is no force-feedback leader, and does
+                not get the request.
+        """
+        switching = mode_switching(mode)
+        while (read := self._port.read_mode_change(switching)) is None:
+            time.sleep(PERIOD_S)
+        return self._mode(read)
+
+    def read_force_feedback(self) -> ForceFeedback:
+        """Read the state of the force feedback of a force-feedback leader.
+
+        Raises:
+            RefusedError: The arm is none: see `read_mode`.
+        """
+        return _force_feedback(*self._port.read_force_feedback())
+
+    def set_force_feedback(self, on: bool) -> ForceFeedback:
+        """Request the force feedback of a force-feedback leader, or its end. With it the motors push the joints.
+
+        Returns:
+            The state, which says whether it is effective.
+
+        Raises:
+            RefusedError: The arm is none: see `read_mode`. The adapter refuses motion after a stop.
+        """
+        return _force_feedback(*self._port.set_force_feedback(on))
+
     def line_errors(self) -> LineErrors:
         """Return the line errors so far."""
         return LineErrors(*self._port.line_errors())
+
+    def _mode(self, read: tuple[Mode, bytes]) -> ModeState:
+        self._slowest = _armwire.SLOWEST_OF_FORCE_FEEDBACK_TICKS_S
+        return mode_state(*read)
 
     def _begin_wait_deg(self, joints: ArrayLike, within: float, timeout_s: float) -> _armwire.LingWait:
         ticks = position_ticks(joints, DEG_PER_TICK, "degrees")
@@ -500,6 +636,22 @@ class Ling(Open):
         gripper_speed = count("gripper speed in ticks/s", gripper_speed, 0xFFFF)
         if self._port.move_to(ticks, speeds, gripper, gripper_speed):
             _warn_of_grip(self.port, stacklevel=4)
+
+
+def mode_switching(mode: ControlMode) -> _armwire.LingModeSwitching:
+    """A change to this mode.
+
+    Raises:
+        ValueError: There is no such mode.
+    """
+    return _armwire.LingModeSwitching(ControlMode(mode) == ControlMode.CURRENT)
+
+
+def _force_feedback(counts: tuple[bool, bool, int, bool, bool, bool, int, int, int], extra: bytes) -> ForceFeedback:
+    requested, effective, inhibit, sync, torque, torque_requested, transition, grip, mode = counts
+    return ForceFeedback(
+        requested, effective, Inhibit(inhibit), sync, torque, torque_requested, transition, grip, mode, extra
+    )
 
 
 def switched(counts: Counts, extra: bytes, text: str | None) -> JointState:

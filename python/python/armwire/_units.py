@@ -42,7 +42,7 @@ def position_ticks(joints: ArrayLike, unit_per_tick: float, unit: str) -> list[i
     return _ticks("angle", values, values / unit_per_tick + ZERO, 0, MAX_TICKS, ZERO, unit_per_tick, unit)
 
 
-def speed_ticks(speed: ArrayLike, unit_per_tick: float, unit: str) -> list[int]:
+def speed_ticks(speed: ArrayLike, unit_per_tick: float, unit: str, slowest_ticks_s: int = SLOWEST_TICKS_S) -> list[int]:
     """Six speeds in ticks per second, each nearest to its speed, or to one speed for all joints.
 
     Raises:
@@ -50,8 +50,8 @@ def speed_ticks(speed: ArrayLike, unit_per_tick: float, unit: str) -> list[int]:
     """
     given = np.asarray(speed, dtype=np.float64)
     values = np.full(JOINTS, given) if given.ndim == 0 else _six(given, "joint speeds")
-    ticks, low, why = values / unit_per_tick, SLOWEST_TICKS_S, " (an arm may take less for 0)"
-    return _ticks("speed", values, ticks, low, MAX_TICKS_PER_S, 0, unit_per_tick, unit, why)
+    ticks, why = values / unit_per_tick, " (an arm may take less for 0)"
+    return _ticks("speed", values, ticks, slowest_ticks_s, MAX_TICKS_PER_S, 0, unit_per_tick, unit, why)
 
 
 def tolerance_ticks(within: float, unit_per_tick: float, unit: str) -> int:

@@ -119,7 +119,20 @@ class Ling(_Async[_ling.Ling]):
     read_park_pose_deg = _call(_ling.Ling.read_park_pose_deg)
     set_stroke_mm = _call(_ling.Ling.set_stroke_mm)
     set_temperature_limit_celsius = _call(_ling.Ling.set_temperature_limit_celsius)
+    read_mode = _call(_ling.Ling.read_mode)
+    read_force_feedback = _call(_ling.Ling.read_force_feedback)
+    set_force_feedback = _call(_ling.Ling.set_force_feedback)
     line_errors = _call(_ling.Ling.line_errors)
+
+    async def set_mode(self, mode: _ling.ControlMode) -> _ling.ModeState:
+        """Set the control mode as `armwire.Ling.set_mode`, and take turns with other calls.
+
+        A cancelled call that has begun sets the mode, and does not read it back.
+        """
+        step = functools.partial(self._blocking._port.read_mode_change, _ling.mode_switching(mode))
+        while (read := await self._run(step)) is None:
+            await asyncio.sleep(_ling.PERIOD_S)
+        return self._blocking._mode(read)
 
     async def wait_until_at_deg(
         self, joints: ArrayLike, *, within_deg: float = 5.7, timeout_s: float = 30.0

@@ -63,8 +63,10 @@ class Faults:
 class VirtualLing(Open):
     """A virtual Ling arm on a pseudo-terminal. See `ling`."""
 
-    def __init__(self, *, leader: bool, turnaround_us: int, seed: int, plant: str | None) -> None:
-        self._arm = _armwire.VirtualLing(leader, turnaround_us, seed, plant)
+    def __init__(
+        self, *, leader: bool, turnaround_us: int, seed: int, plant: str | None, force_feedback: str | None
+    ) -> None:
+        self._arm = _armwire.VirtualLing(leader, turnaround_us, seed, plant, force_feedback)
         super().__init__(self._arm.port, self._arm)
 
     def joints(self) -> JointState:
@@ -145,7 +147,14 @@ class VirtualAlpha1Servos(Open):
         self._arm.set_faults(faults.counts())
 
 
-def ling(*, leader: bool = False, turnaround_us: int = 200, seed: int = 1, plant: str | None = None) -> VirtualLing:
+def ling(
+    *,
+    leader: bool = False,
+    turnaround_us: int = 200,
+    seed: int = 1,
+    plant: str | None = None,
+    force_feedback: str | None = None,
+) -> VirtualLing:
     """Start a virtual Ling arm.
 
     Args:
@@ -154,11 +163,15 @@ def ling(*, leader: bool = False, turnaround_us: int = 200, seed: int = 1, plant
         seed: Seed of the faults: equal seeds give equal faults.
         plant: Lag, sag and noise of the joints, as `armwire sim ling --plant` takes it: "typical", the default,
             "ideal", or a list such as "typical,sag=26". The command's help has all words.
+        force_feedback: Simulate a leader with force feedback, with the words that `armwire sim ling --force-feedback`
+            takes, such as "apply=300ms"; "" for none.
 
     Raises:
-        ValueError: The plant has an unknown word, or a value that is out of range.
+        ValueError: The plant or the force feedback has an unknown word, or a value that is out of range.
     """
-    return VirtualLing(leader=leader, turnaround_us=turnaround_us, seed=seed, plant=plant)
+    return VirtualLing(
+        leader=leader, turnaround_us=turnaround_us, seed=seed, plant=plant, force_feedback=force_feedback
+    )
 
 
 def older_ling() -> VirtualOlderLing:
