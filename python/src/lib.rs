@@ -46,7 +46,7 @@ mod _armwire {
     const VERSION: &str = env!("CARGO_PKG_VERSION");
     #[cfg(unix)]
     #[pymodule_export]
-    use super::sim::{VirtualAlpha1, VirtualAlpha1Servos, VirtualLing, VirtualOlderLing, VirtualXArm};
+    use super::sim::{VirtualAlpha1, VirtualAlpha1Servos, VirtualLing, VirtualOlderLing, VirtualSo101, VirtualXArm};
     #[pymodule_export]
     use super::xarm::XArmPort;
 }

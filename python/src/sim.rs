@@ -13,7 +13,8 @@ use armwire_sim::ling::legacy::{self, LegacyArm};
 use armwire_sim::ling::{self, LingArm, Plant};
 use armwire_sim::pty::Pty;
 use armwire_sim::serial::SerialDevice;
-use armwire_sim::serve::serve;
+use armwire_sim::serve::{BAUD, serve_since};
+use armwire_sim::so101::{self, Order, So101};
 use armwire_sim::xarm::{Config as XArmConfig, Model, Server, VirtualXArm as XArm};
 use pyo3::exceptions::PyOSError;
 use pyo3::prelude::*;
@@ -52,11 +53,20 @@ impl Drop for Service {
 }
 
 /// A device behind a line with faults, shared by its thread and by tests.
-struct Shared<D>(Arc<Mutex<Line<D>>>);
+struct Shared<D> {
+    line: Arc<Mutex<Line<D>>>,
+    /// The device's time zero.
+    start: std::time::Instant,
+}
 
 impl<D> Shared<D> {
     fn lock(&self) -> MutexGuard<'_, Line<D>> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+        self.line.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The device's time.
+    fn now(&self) -> Instant {
+        Instant::from_micros(self.start.elapsed().as_micros().try_into().unwrap_or(u64::MAX))
     }
 }
 
@@ -71,6 +81,10 @@ impl<D: SerialDevice> SerialDevice for Shared<D> {
 
     fn poll_timeout(&self) -> Option<Instant> {
         self.lock().poll_timeout()
+    }
+
+    fn set_baud(&mut self, baud: u32) {
+        self.lock().set_baud(baud);
     }
 
     fn is_gone(&self) -> bool {
@@ -101,12 +115,17 @@ impl<D: SerialDevice + Send + 'static> Shared<D> {
     /// Starts a device on a pseudo-terminal.
     fn on_pty(device: D, seed: u64) -> PyResult<(VirtualArm, Self)> {
         let pty = Pty::open(None).map_err(PyOSError::new_err)?;
+        pty.set_baud(BAUD).map_err(PyOSError::new_err)?;
         let port = pty.path().display().to_string();
         let line = Arc::new(Mutex::new(Line::new(device, Rates::NONE, Rates::NONE, seed)));
-        let mut served = Self(Arc::clone(&line));
+        let start = std::time::Instant::now();
+        let mut served = Self {
+            line: Arc::clone(&line),
+            start,
+        };
         // A pty fails only when it is closed, and its thread then ends.
-        let service = Service::start(move |stop| drop(serve(&mut served, &pty, stop)));
-        Ok((VirtualArm { service, port }, Self(line)))
+        let service = Service::start(move |stop| drop(serve_since(start, &mut served, &pty, stop)));
+        Ok((VirtualArm { service, port }, Self { line, start }))
     }
 
     /// Sets fault rates in parts per million of bytes, in both directions.
@@ -267,6 +286,46 @@ impl VirtualAlpha1Servos {
 
     fn set_faults(&self, faults: Faults) {
         self.0.set_faults(faults);
+    }
+}
+
+/// A virtual SO-101.
+#[pyclass(extends = VirtualArm, frozen, module = "armwire._armwire")]
+pub(crate) struct VirtualSo101(Shared<So101>);
+
+#[pymethods]
+impl VirtualSo101 {
+    #[new]
+    fn new(ids: Vec<u8>, models: Vec<u16>, volts: f64, seed: u64) -> PyResult<PyClassInitializer<Self>> {
+        let config = so101::Config::new(&ids, &models, volts).map_err(value_error)?;
+        Shared::on_pty(So101::new(config), seed)
+            .map(|(arm, device)| PyClassInitializer::from(arm).add_subclass(Self(device)))
+    }
+
+    /// Carries out an order, as a line of text.
+    fn order(&self, line: &str) -> PyResult<()> {
+        let order: Order = line.parse().map_err(value_error)?;
+        let now = self.0.now();
+        let done = self.0.lock().device_mut().order(now, order);
+        done.map(drop).map_err(value_error)
+    }
+
+    /// True state of each servo, independent of the line: id, reported position, position of the encoder, torque.
+    fn state(&self) -> Vec<(u8, i32, f64, bool)> {
+        let now = self.0.now();
+        let mut line = self.0.lock();
+        let servos = line.device_mut().servos(now).iter();
+        servos
+            .map(|servo| (servo.id(), servo.position(), servo.encoder(), servo.has_torque()))
+            .collect()
+    }
+
+    fn set_faults(&self, faults: Faults) {
+        self.0.set_faults(faults);
+    }
+
+    fn injected(&self) -> [u64; 5] {
+        self.0.injected()
     }
 }
 

@@ -26,15 +26,18 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Faults",
+    "ServoState",
     "VirtualAlpha1",
     "VirtualAlpha1Servos",
     "VirtualLing",
     "VirtualOlderLing",
+    "VirtualSo101",
     "VirtualXArm",
     "alpha1",
     "alpha1_servos",
     "ling",
     "older_ling",
+    "so101",
     "xarm",
 ]
 
@@ -147,6 +150,52 @@ class VirtualAlpha1Servos(Open):
         self._arm.set_faults(faults.counts())
 
 
+@dataclass(frozen=True)
+class ServoState:
+    """The true state of a servo of a virtual SO-101."""
+
+    id: int
+    position: int
+    """The position that it reports, in steps: the encoder's less the offset, within a turn."""
+    encoder: float
+    """The position of its encoder, in steps over several turns."""
+    torque: bool
+
+
+class VirtualSo101(Open):
+    """A virtual SO-101 on a pseudo-terminal. See `so101`."""
+
+    def __init__(self, *, ids: Sequence[int], models: Sequence[int], volts: float, seed: int) -> None:
+        self._arm = _armwire.VirtualSo101(
+            [count("servo id", servo, 255) for servo in ids],
+            [count("model", model, 65_535) for model in models],
+            volts,
+            seed,
+        )
+        super().__init__(self._arm.port, self._arm)
+
+    def order(self, line: str) -> None:
+        """Carry out an order, such as "late 1" or "silent 3", as `armwire sim so101 --stdin` takes it.
+
+        Raises:
+            ValueError: It is no order, has a wrong value, names a servo that the arm does not have, or moves one that
+                holds its position by hand.
+        """
+        self._arm.order(line)
+
+    def state(self) -> list[ServoState]:
+        """The true state of each servo, from the base on, independent of the line."""
+        return [ServoState(*servo) for servo in self._arm.state()]
+
+    def set_faults(self, faults: Faults) -> None:
+        """Set the fault rates of the line from now on."""
+        self._arm.set_faults(faults.counts())
+
+    def injected(self) -> Faults:
+        """Counts of injected faults."""
+        return Faults(*self._arm.injected())
+
+
 def ling(
     *,
     leader: bool = False,
@@ -192,3 +241,26 @@ def alpha1() -> VirtualAlpha1:
 def alpha1_servos(ids: Sequence[int] = tuple(range(1, 17))) -> VirtualAlpha1Servos:
     """Start the servos of an Alpha1 on their own bus."""
     return VirtualAlpha1Servos(ids)
+
+
+def so101(
+    *, ids: Sequence[int] = (1, 2, 3, 4, 5, 6), models: Sequence[int] = (777,), volts: float = 7.4, seed: int = 1
+) -> VirtualSo101:
+    """Start a virtual SO-101, which fails on order.
+
+    A test gives an order, and then uses its own program, on `port`::
+
+        with armwire.sim.so101() as virtual:
+            bus = open_my_bus(virtual.port)
+            virtual.order("late 1")
+
+    Args:
+        ids: Ids of the servos, from the arm's base on.
+        models: Model of each servo, or one for all: 777 is an STS3215, 2825 an STS3250.
+        volts: Supply in volts. Outside the servos' limits, which are 4 and 8 V, they report an error.
+        seed: Seed of the random faults: equal seeds give equal faults.
+
+    Raises:
+        ValueError: An id is above 253 or occurs twice, or a value is out of range.
+    """
+    return VirtualSo101(ids=ids, models=models, volts=volts, seed=seed)
