@@ -3,8 +3,6 @@
 use core::fmt;
 use core::num::NonZeroU32;
 
-use thiserror::Error;
-
 use crate::correlation::{Effect, InfoOf, ResponseTiming};
 use crate::decoder::{Decoder, Item, Kind, Span};
 use crate::exchange::{Exchange, FirstByte, Handover, Match, time_of_state};
@@ -181,23 +179,32 @@ pub enum Event<'a, R> {
 }
 
 /// The reason why [`Client::submit`] or [`Client::submit_reading`] rejected a request.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum SubmitError {
     /// Another request is in flight.
-    #[error("a request is already in flight")]
     Busy,
     /// The client's buffer is shorter than the request.
-    #[error(transparent)]
     TooLong(BufferTooShort),
     /// A value of the request does not fit its field. No request of the protocols in this crate has one.
     #[error(transparent)]
     OutOfRange(OutOfRange),
     /// The request was submitted as a reading, and may change the arm.
-    #[error("the request is not a read")]
     NotARead,
 }
+
+impl fmt::Display for SubmitError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Busy => f.write_str("a request is already in flight"),
+            Self::TooLong(error) => error.fmt(f),
+            Self::NotARead => f.write_str("the request is not a read"),
+        }
+    }
+}
+
+impl core::error::Error for SubmitError {}
 
 /// The request in flight.
 struct Call {

@@ -6,7 +6,6 @@ use core::pin::pin;
 use core::task::Poll;
 
 use embedded_io_async::{ErrorKind, Read, Write};
-use thiserror::Error;
 
 use crate::framing::Reason;
 use crate::messages::Messages;
@@ -56,24 +55,19 @@ impl<C: Clock> Clock for &C {
 }
 
 /// The error of a call: `E` is the error of the port.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum CallError<E> {
     /// The port failed.
-    #[error("the port failed: {0}")]
     Io(E),
     /// The port accepted or returned zero bytes: it is closed.
-    #[error("the port is closed")]
     Closed,
     /// The port reported more bytes than were passed to it or requested.
-    #[error("the port reported an invalid count: {0}")]
     Port(OutOfRange<usize>),
     /// The client did not accept the request.
-    #[error("{0}")]
     Submit(SubmitError),
     /// A lossless stream broke: no later byte can be decoded, and the connection must be closed.
-    #[error("the connection is broken: byte {offset}: {reason}")]
     Broken {
         /// The offset of the break, in bytes since the driver was created.
         offset: u64,
@@ -81,18 +75,14 @@ pub enum CallError<E> {
         reason: Reason,
     },
     /// The arm's answer has an invalid value or length.
-    #[error("the arm's answer cannot be accepted: {0}")]
     Unacceptable(ParseError),
     /// The arm answered with an error frame.
-    #[error("the arm sent an error frame: {0}")]
     ErrorFrame(ErrorFrame),
     /// The xArm answered with an invalid state, or without the requested value.
     #[cfg(feature = "xarm")]
-    #[error("the arm refused, its state: {0}")]
     Refused(crate::xarm::State),
     /// The Ling arm may still move.
     #[cfg(feature = "ling")]
-    #[error("the arm is not stopped: {0}")]
     NotStopped(crate::ling::stop::StopError),
     /// The Ling arm has not applied the control mode.
     #[cfg(feature = "ling")]
@@ -100,22 +90,37 @@ pub enum CallError<E> {
     ModeNotApplied(crate::ling::mode_change::ModeError),
     /// The Alpha1, or its servo, reported a failure. It gives no reason.
     #[cfg(feature = "alpha1")]
-    #[error("the arm reported a failure")]
     Failed,
     /// The arm did not answer.
-    #[error(fmt = timed_out)]
     TimedOut {
         /// The number of transmissions of the request.
         sends: u8,
     },
 }
 
-fn timed_out(sends: &u8, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-    match sends {
-        1 => f.write_str("the arm did not answer"),
-        _ => write!(f, "the arm did not answer in {sends} attempts"),
+impl<E: fmt::Display> fmt::Display for CallError<E> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Io(error) => write!(f, "the port failed: {error}"),
+            Self::Closed => f.write_str("the port is closed"),
+            Self::Port(count) => write!(f, "the port reported an invalid count: {count}"),
+            Self::Submit(error) => error.fmt(f),
+            Self::Broken { offset, reason } => write!(f, "the connection is broken: byte {offset}: {reason}"),
+            Self::Unacceptable(error) => write!(f, "the arm's answer cannot be accepted: {error}"),
+            Self::ErrorFrame(frame) => write!(f, "the arm sent an error frame: {frame}"),
+            #[cfg(feature = "xarm")]
+            Self::Refused(state) => write!(f, "the arm refused, its state: {state}"),
+            #[cfg(feature = "ling")]
+            Self::NotStopped(error) => write!(f, "the arm is not stopped: {error}"),
+            #[cfg(feature = "alpha1")]
+            Self::Failed => f.write_str("the arm reported a failure"),
+            Self::TimedOut { sends: 1 } => f.write_str("the arm did not answer"),
+            Self::TimedOut { sends } => write!(f, "the arm did not answer in {sends} attempts"),
+        }
     }
 }
+
+impl<E: fmt::Debug + fmt::Display> core::error::Error for CallError<E> {}
 
 /// Counts of received frames and bytes other than answers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -2,20 +2,26 @@
 
 use core::fmt;
 
-use thiserror::Error;
-
 use crate::hex::Hex;
 
 /// A buffer that is too short for the data to write.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-#[error("the message takes {needed} bytes, the buffer has {got}")]
 pub struct BufferTooShort {
     /// Required length in bytes.
     pub needed: usize,
     /// Actual length in bytes.
     pub got: usize,
 }
+
+impl fmt::Display for BufferTooShort {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { needed, got } = self;
+        write!(f, "the message takes {needed} bytes, the buffer has {got}")
+    }
+}
+
+impl core::error::Error for BufferTooShort {}
 
 /// A value outside the protocol's range: a raw count, or a quantity in SI units (`f32`).
 ///
@@ -27,9 +33,8 @@ pub struct BufferTooShort {
 /// let error = Position::from_radians(-4.0).unwrap_err();
 /// assert_eq!(error.to_string(), "joint angle is -4 rad, must be -3.1415927..=3.1400588");
 /// ```
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-#[error("{what} is {got}{}{unit}, must be {min}..={max}", if unit.is_empty() { "" } else { " " })]
 pub struct OutOfRange<T = u16> {
     /// The name of the value.
     pub what: &'static str,
@@ -42,6 +47,16 @@ pub struct OutOfRange<T = u16> {
     /// The maximum.
     pub max: T,
 }
+
+impl<T: fmt::Display> fmt::Display for OutOfRange<T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { what, unit, got, .. } = self;
+        let space = if unit.is_empty() { "" } else { " " };
+        write!(f, "{what} is {got}{space}{unit}, must be {}..={}", self.min, self.max)
+    }
+}
+
+impl<T: fmt::Debug + fmt::Display> core::error::Error for OutOfRange<T> {}
 
 impl<T: Copy> OutOfRange<T> {
     /// The error of a value `got` outside `min..=max`.
@@ -102,16 +117,37 @@ impl From<OutOfRange> for OutOfRange<f32> {
 /// };
 /// assert_eq!((error.what, error.got, error.max), ("data", 65, 64));
 /// ```
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum EncodeError {
     /// The buffer is too short.
-    #[error(transparent)]
-    BufferTooShort(#[from] BufferTooShort),
+    BufferTooShort(BufferTooShort),
     /// The data is longer than the maximum of a frame.
-    #[error(transparent)]
-    OutOfRange(#[from] OutOfRange),
+    OutOfRange(OutOfRange),
+}
+
+impl fmt::Display for EncodeError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::BufferTooShort(error) => error.fmt(f),
+            Self::OutOfRange(error) => error.fmt(f),
+        }
+    }
+}
+
+impl core::error::Error for EncodeError {}
+
+impl From<BufferTooShort> for EncodeError {
+    fn from(error: BufferTooShort) -> Self {
+        Self::BufferTooShort(error)
+    }
+}
+
+impl From<OutOfRange> for EncodeError {
+    fn from(error: OutOfRange) -> Self {
+        Self::OutOfRange(error)
+    }
 }
 
 /// The error of a valid frame that is not a message of the document: the message's name, the cause and its offset.
@@ -131,15 +167,22 @@ pub enum EncodeError {
 /// let error = Alpha1.parse_request(&usb_type).unwrap_err();
 /// assert_eq!(error.to_string(), "command F9: data byte 0 is 04, must be 01 or 02 or 03");
 /// ```
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-#[error("{message}: {cause}")]
 pub struct ParseError {
     /// The name of the message.
     pub message: MessageId,
     /// The cause.
     pub cause: Cause,
 }
+
+impl fmt::Display for ParseError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {}", self.message, self.cause)
+    }
+}
+
+impl core::error::Error for ParseError {}
 
 /// The name of a message. Names and causes that only one protocol has are types of its module, and are not part of a
 /// build without it.
@@ -164,19 +207,16 @@ pub enum MessageId {
 }
 
 /// The cause of a [`ParseError`]. Offsets are in bytes from the start of the message's data.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 // Without a bound for each field: the bound for `&'static [u8]` is not provable where one for `&'a [u8]` is assumed.
 #[cfg_attr(feature = "defmt", derive(defmt::Format), defmt(bound()))]
 #[non_exhaustive]
 pub enum Cause {
     /// The document has no such message in this direction.
-    #[error("unknown")]
     Unknown,
     /// The arm's error frame, which names no request and no documented reason.
-    #[error("the arm's error frame")]
     ErrorFrame,
     /// The data has the wrong length.
-    #[error("{got} data bytes, expected {}", either(expected, fmt::Display::fmt))]
     Length {
         /// The allowed lengths, in bytes.
         expected: &'static [usize],
@@ -184,7 +224,6 @@ pub enum Cause {
         got: usize,
     },
     /// A byte is not one of the allowed values.
-    #[error("data byte {offset} is {got:02X}, must be {}", either(expected, |byte, f| write!(f, "{byte:02X}")))]
     Byte {
         /// The byte's offset.
         offset: usize,
@@ -194,7 +233,6 @@ pub enum Cause {
         got: u8,
     },
     /// A value is out of range.
-    #[error("{error} (data byte {offset})")]
     Value {
         /// The value's offset.
         offset: usize,
@@ -203,8 +241,35 @@ pub enum Cause {
     },
     /// A cause that only the Alpha1's protocol has.
     #[cfg(feature = "alpha1")]
-    #[error(transparent)]
-    Alpha1(#[from] crate::alpha1::Cause),
+    Alpha1(crate::alpha1::Cause),
+}
+
+impl fmt::Display for Cause {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Unknown => f.write_str("unknown"),
+            Self::ErrorFrame => f.write_str("the arm's error frame"),
+            Self::Length { expected, got } => {
+                write!(f, "{got} data bytes, expected {}", either(expected, fmt::Display::fmt))
+            }
+            Self::Byte { offset, expected, got } => {
+                let expected = either(expected, |byte, f| write!(f, "{byte:02X}"));
+                write!(f, "data byte {offset} is {got:02X}, must be {expected}")
+            }
+            Self::Value { offset, error } => write!(f, "{error} (data byte {offset})"),
+            #[cfg(feature = "alpha1")]
+            Self::Alpha1(cause) => cause.fmt(f),
+        }
+    }
+}
+
+impl core::error::Error for Cause {}
+
+#[cfg(feature = "alpha1")]
+impl From<crate::alpha1::Cause> for Cause {
+    fn from(cause: crate::alpha1::Cause) -> Self {
+        Self::Alpha1(cause)
+    }
 }
 
 /// An arm's error frame: its bytes as sent, at most the first 16.

@@ -3,9 +3,7 @@
 //! This layer is for firmware, monitors and implementations of other arms. It is less stable than the
 //! [client](crate::Client): see [Stability](crate#stability).
 
-use core::fmt::Debug;
-
-use thiserror::Error;
+use core::fmt::{self, Debug};
 
 use crate::BufferTooShort;
 use crate::error::either;
@@ -30,16 +28,14 @@ pub enum Scan {
 }
 
 /// The reason why bytes are not part of a frame.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 // Without a bound for each field: the bound for `&'static [u8]` is not provable where one for `&'a [u8]` is assumed.
 #[cfg_attr(feature = "defmt", derive(defmt::Format), defmt(bound()))]
 #[non_exhaustive]
 pub enum Reason {
     /// No frame starts here.
-    #[error("no frame starts here")]
     Stray,
     /// A frame seemed to start here, but its length is outside the limits of the protocol or the decoder.
-    #[error("length field is {got}, must be {min}..={max}")]
     Length {
         /// The minimum length.
         min: u16,
@@ -49,7 +45,6 @@ pub enum Reason {
         got: u16,
     },
     /// A frame seemed to start here, but a byte is not one of the allowed values.
-    #[error("byte {offset} is {got:#04x}, expected {}", either(expected, |byte, f| write!(f, "{byte:#04x}")))]
     Byte {
         /// The byte's offset from the start of the frame.
         offset: u8,
@@ -59,7 +54,6 @@ pub enum Reason {
         expected: &'static [u8],
     },
     /// A frame seemed to start here, but its checksum does not match.
-    #[error("checksum {got:#04x}, expected {expected:#04x}")]
     Checksum {
         /// The checksum of the received bytes.
         expected: u8,
@@ -67,7 +61,6 @@ pub enum Reason {
         got: u8,
     },
     /// A frame seemed to start here, but its terminator is missing.
-    #[error("end mark {got:#04x}, expected {expected:#04x}")]
     Tail {
         /// The terminator of this protocol.
         expected: u8,
@@ -75,15 +68,32 @@ pub enum Reason {
         got: u8,
     },
     /// A frame seemed to start here, but the line went idle before its end.
-    #[error("line went idle with {missing} bytes missing")]
     Truncated {
         /// The number of missing bytes.
         missing: usize,
     },
     /// A request ended while it was partly transmitted. Only on a [`LOSSLESS`](Framing::LOSSLESS) line.
-    #[error("a request ended while it was partly transmitted")]
     Abandoned,
 }
+
+impl fmt::Display for Reason {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Stray => f.write_str("no frame starts here"),
+            Self::Length { min, max, got } => write!(f, "length field is {got}, must be {min}..={max}"),
+            Self::Byte { offset, got, expected } => {
+                let expected = either(expected, |byte, f| write!(f, "{byte:#04x}"));
+                write!(f, "byte {offset} is {got:#04x}, expected {expected}")
+            }
+            Self::Checksum { expected, got } => write!(f, "checksum {got:#04x}, expected {expected:#04x}"),
+            Self::Tail { expected, got } => write!(f, "end mark {got:#04x}, expected {expected:#04x}"),
+            Self::Truncated { missing } => write!(f, "line went idle with {missing} bytes missing"),
+            Self::Abandoned => f.write_str("a request ended while it was partly transmitted"),
+        }
+    }
+}
+
+impl core::error::Error for Reason {}
 
 /// The place of a frame's length, for a receiver that counts bytes without [`Framing::scan`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,8 +1,6 @@
 //! Typed requests and responses, in both directions.
 
-use core::fmt::{Debug, Display};
-
-use thiserror::Error;
+use core::fmt::{self, Debug, Display};
 
 use crate::correlation::Correlation;
 use crate::{BufferTooShort, EncodeError, ParseError};
@@ -72,10 +70,17 @@ pub trait Messages: Correlation {
 ///
 /// The exchange matches answers to requests by their bytes: a caller gets this error if it asks for a value that its
 /// request does not read.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-#[error("another answer: {got}")]
 pub struct OtherAnswer<R> {
     /// The response.
     pub got: R,
 }
+
+impl<R: Display> Display for OtherAnswer<R> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "another answer: {}", self.got)
+    }
+}
+
+impl<R: Debug + Display> core::error::Error for OtherAnswer<R> {}

@@ -1,6 +1,6 @@
 //! Stopping an arm: readings in, requests out.
 
-use thiserror::Error;
+use core::fmt;
 
 use super::arrival::Deviations;
 use super::{GripperSpeed, JOINTS, JointState, Move, Opening, Position, Request, Rest, Speed, Torque};
@@ -162,35 +162,47 @@ pub enum Grip {
 }
 
 /// The reason why an arm may still move. Only its supply's switch stops it then.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum StopError {
     /// No reading came.
-    #[error("no reading of the joints within 2 s")]
     NoReading,
     /// Readings came, but they do not show the arm at rest.
-    #[error("too few readings of the joints within 2 s to show the arm at rest: {readings}")]
     Unconfirmed {
         /// Their number.
         readings: u16,
     },
     /// The arm did not come to rest.
-    #[error("joint {joint} still moves after 2 s")]
     Moving {
         /// The joint, from 1.
         joint: u8,
     },
     /// A joint came to the hold, and left it.
-    #[error("joint {joint} left the hold: another program or a force moves it")]
     MovedByAnother {
         /// The joint, from 1.
         joint: u8,
     },
     /// A move cannot express the arm's pose.
-    #[error("the pose cannot be held: {0}")]
     Position(OutOfRange),
 }
+
+impl fmt::Display for StopError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NoReading => f.write_str("no reading of the joints within 2 s"),
+            Self::Unconfirmed { readings } => {
+                f.write_str("too few readings of the joints within 2 s to show the arm at rest: ")?;
+                readings.fmt(f)
+            }
+            Self::Moving { joint } => write!(f, "joint {joint} still moves after 2 s"),
+            Self::MovedByAnother { joint } => write!(f, "joint {joint} left the hold: another program or a force moves it"),
+            Self::Position(error) => write!(f, "the pose cannot be held: {error}"),
+        }
+    }
+}
+
+impl core::error::Error for StopError {}
 
 impl Stop {
     /// The time from the first poll until the stop fails.

@@ -4,8 +4,6 @@ use core::f32::consts::TAU;
 use core::fmt;
 use core::str;
 
-use thiserror::Error;
-
 use crate::OutOfRange;
 use crate::error::within;
 
@@ -453,20 +451,29 @@ pub struct Foreign {
 /// let reason = MotionStatus::from(0x42).check_motion().unwrap_err();
 /// assert_eq!(reason.to_string(), "no document explains the arm's status 0x42");
 /// ```
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum Immovable {
     /// The torque is off, as in this status.
-    #[error("the torque is off (status {0})")]
     TorqueOff(MotionStatus),
     /// The status is [`Other`](MotionStatus::Other). A stop is possible.
-    #[error("no document explains the arm's status {0:#04x}")]
     UnknownStatus(u8),
     /// It is another robot. Nothing holds it, either.
-    #[error("the arm is {0}")]
     Foreign(Foreign),
 }
+
+impl fmt::Display for Immovable {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::TorqueOff(status) => write!(f, "the torque is off (status {status})"),
+            Self::UnknownStatus(status) => write!(f, "no document explains the arm's status {status:#04x}"),
+            Self::Foreign(foreign) => write!(f, "the arm is {foreign}"),
+        }
+    }
+}
+
+impl core::error::Error for Immovable {}
 
 impl Foreign {
     /// The name of the robot, if its answers are known.

@@ -4,8 +4,6 @@ use core::fmt;
 use core::ops::BitOr;
 use core::str;
 
-use thiserror::Error;
-
 use crate::OutOfRange;
 use crate::error::{at_most, within};
 
@@ -463,23 +461,35 @@ fn number<T: str::FromStr>(digits: &[u8]) -> Option<T> {
 /// let error = VersionText(b"v1.0.2").version().unwrap_err();
 /// assert_eq!(error.to_string(), "the version has 1 fields, expected axes,type,arm,control box,firmware");
 /// ```
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Error)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum VersionError {
     /// A byte is not printable ASCII.
-    #[error("the version is not printable ASCII")]
     NotText,
     /// The number of fields is not five.
-    #[error("the version has {got} fields, expected axes,type,arm,control box,firmware")]
     Fields {
         /// The number of fields.
         got: usize,
     },
     /// This field is not a number up to 255.
-    #[error("the {0} in the version is not a number up to 255")]
     Number(&'static str),
 }
+
+impl fmt::Display for VersionError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NotText => f.write_str("the version is not printable ASCII"),
+            Self::Fields { got } => write!(
+                f,
+                "the version has {got} fields, expected axes,type,arm,control box,firmware"
+            ),
+            Self::Number(field) => write!(f, "the {field} in the version is not a number up to 255"),
+        }
+    }
+}
+
+impl core::error::Error for VersionError {}
 
 /// The serial numbers of the arm and of its control box, as sent by the arm (register 2): the first, NUL, the second, a
 /// line feed, padded with NUL.
@@ -620,15 +630,13 @@ impl<'a> Raw<'a> {
 }
 
 /// The reason why [`Raw::new`] rejected a message.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Error)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum RawError {
     /// The register has a type of its own.
-    #[error("register {} has types of its own", *.0 as u8)]
     Typed(Register),
     /// The parameters are too long.
-    #[error("a message has at most {max} bytes of parameters, not {got}")]
     TooLong {
         /// The maximum length of the parameters, in bytes.
         max: usize,
@@ -636,6 +644,17 @@ pub enum RawError {
         got: usize,
     },
 }
+
+impl fmt::Display for RawError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Typed(register) => write!(f, "register {} has types of its own", *register as u8),
+            Self::TooLong { max, got } => write!(f, "a message has at most {max} bytes of parameters, not {got}"),
+        }
+    }
+}
+
+impl core::error::Error for RawError {}
 
 #[cfg(test)]
 mod tests {

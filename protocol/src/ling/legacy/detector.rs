@@ -1,6 +1,6 @@
 //! Detection of arms of the older generation.
 
-use thiserror::Error;
+use core::fmt;
 
 use super::{BAUD_RATES, Legacy, MAX_FRAME};
 use crate::decoder::{Decoder, Kind};
@@ -12,15 +12,22 @@ use crate::messages::Messages;
 const REQUIRED_FRAMES: u8 = 2;
 
 /// The detection of an arm of the older generation, with a text for the user of the arm.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-#[error(
-    "a Ling arm of the older generation (firmware from before late 2025, {} or {} baud). armwire reads its joints and \
-     sends nothing to it. All other functions need a firmware update from the vendor.",
-    BAUD_RATES[0],
-    BAUD_RATES[1]
-)]
 pub struct OlderGeneration;
+
+impl fmt::Display for OlderGeneration {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [usual, other] = BAUD_RATES;
+        write!(
+            f,
+            "a Ling arm of the older generation (firmware from before late 2025, {usual} or {other} baud). armwire reads \
+             its joints and sends nothing to it. All other functions need a firmware update from the vendor."
+        )
+    }
+}
+
+impl core::error::Error for OlderGeneration {}
 
 /// Detects an arm of the older generation from its bytes.
 ///
