@@ -2,6 +2,10 @@
 
 import importlib.metadata
 import pydoc
+import subprocess
+import sys
+
+import pytest
 
 import armwire
 
@@ -25,3 +29,18 @@ def test_first_screen_of_help_names_every_method() -> None:
     screen = pydoc.plain(pydoc.render_doc(armwire.Ling)).splitlines()[:24]
     methods = [name for name in dir(armwire.Ling) if not name.startswith("_")]
     assert [name for name in methods if f"`{name}`" not in "\n".join(screen)] == []
+
+
+def test_command_imports_neither_numpy_nor_asyncio() -> None:
+    program = "import armwire._command, sys; print(*sorted({'asyncio', 'numpy'} & set(sys.modules)))"
+    output = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True)
+    assert output.stdout == "\n"
+
+
+def test_every_public_name_is_found_at_first_use() -> None:
+    assert [name for name in armwire.__all__ if name not in dir(armwire) or not hasattr(armwire, name)] == []
+
+
+def test_unknown_name_is_an_attribute_error() -> None:
+    with pytest.raises(AttributeError, match="module 'armwire' has no attribute 'Lign'"):
+        armwire.Lign  # type: ignore[attr-defined]  # noqa: B018

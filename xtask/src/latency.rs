@@ -31,7 +31,8 @@ pub(crate) struct Options {
 ///
 /// # Errors
 ///
-/// If a build or a measurement fails, or the newest pose takes longer than its limit.
+/// If a build or a measurement fails, or if the newest pose or the start of the wheel's command takes longer than its
+/// limit.
 pub(crate) fn measure(options: &Options) -> Result<()> {
     let folder = target_dir()?.join("latency");
     fs::create_dir_all(&folder)?;
@@ -57,7 +58,8 @@ pub(crate) fn measure(options: &Options) -> Result<()> {
     }
     let reason = String::from_utf8_lossy(&lerobot.stderr);
     ensure!(lerobot.status.success(), "newest_pose.py failed: {}", reason.trim());
-    Ok(())
+    let command_start = root().join("python/benchmarks/command_start.py");
+    run(environment.python().arg(command_start))
 }
 
 /// The average number of waiting threads in the last minute.
