@@ -188,7 +188,6 @@ pub enum SubmitError {
     /// The client's buffer is shorter than the request.
     TooLong(BufferTooShort),
     /// A value of the request does not fit its field. No request of the protocols in this crate has one.
-    #[error(transparent)]
     OutOfRange(OutOfRange),
     /// The request was submitted as a reading, and may change the arm.
     NotARead,
@@ -199,6 +198,7 @@ impl fmt::Display for SubmitError {
         match self {
             Self::Busy => f.write_str("a request is already in flight"),
             Self::TooLong(error) => error.fmt(f),
+            Self::OutOfRange(error) => error.fmt(f),
             Self::NotARead => f.write_str("the request is not a read"),
         }
     }

@@ -86,7 +86,6 @@ pub enum CallError<E> {
     NotStopped(crate::ling::stop::StopError),
     /// The Ling arm has not applied the control mode.
     #[cfg(feature = "ling")]
-    #[error("{0}")]
     ModeNotApplied(crate::ling::mode_change::ModeError),
     /// The Alpha1, or its servo, reported a failure. It gives no reason.
     #[cfg(feature = "alpha1")]
@@ -112,6 +111,8 @@ impl<E: fmt::Display> fmt::Display for CallError<E> {
             Self::Refused(state) => write!(f, "the arm refused, its state: {state}"),
             #[cfg(feature = "ling")]
             Self::NotStopped(error) => write!(f, "the arm is not stopped: {error}"),
+            #[cfg(feature = "ling")]
+            Self::ModeNotApplied(error) => error.fmt(f),
             #[cfg(feature = "alpha1")]
             Self::Failed => f.write_str("the arm reported a failure"),
             Self::TimedOut { sends: 1 } => f.write_str("the arm did not answer"),

@@ -196,7 +196,9 @@ impl fmt::Display for StopError {
                 readings.fmt(f)
             }
             Self::Moving { joint } => write!(f, "joint {joint} still moves after 2 s"),
-            Self::MovedByAnother { joint } => write!(f, "joint {joint} left the hold: another program or a force moves it"),
+            Self::MovedByAnother { joint } => {
+                write!(f, "joint {joint} left the hold: another program or a force moves it")
+            }
             Self::Position(error) => write!(f, "the pose cannot be held: {error}"),
         }
     }
