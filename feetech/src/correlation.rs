@@ -3,7 +3,7 @@
 use armwire::correlation::{Correlation, Effect, InfoOf, RequestInfo, ResponseTiming};
 use armwire::time::Duration;
 
-use crate::message::code;
+use crate::frame::code;
 use crate::{BROADCAST, Expect, Feetech, register};
 
 /// The longest time of a servo for a request, besides its return delay. A guess.

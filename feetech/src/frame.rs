@@ -31,6 +31,20 @@ const OVERHEAD: usize = 4;
 /// The range of LEN.
 const LEN: RangeInclusive<u8> = 2..=(MAX_FRAME - OVERHEAD) as u8;
 
+/// The codes of requests.
+pub(crate) mod code {
+    pub(crate) const PING: u8 = 0x01;
+    pub(crate) const READ: u8 = 0x02;
+    pub(crate) const WRITE: u8 = 0x03;
+    pub(crate) const REG_WRITE: u8 = 0x04;
+    pub(crate) const ACTION: u8 = 0x05;
+    pub(crate) const FACTORY_RESET: u8 = 0x06;
+    pub(crate) const REBOOT: u8 = 0x08;
+    pub(crate) const RESET_TURNS: u8 = 0x0A;
+    pub(crate) const SYNC_READ: u8 = 0x82;
+    pub(crate) const SYNC_WRITE: u8 = 0x83;
+}
+
 /// The complement of the sum of `bytes`: the checksum of a packet whose bytes between header and checksum they are.
 ///
 /// ```

@@ -3,24 +3,11 @@
 use armwire::messages::Messages;
 use armwire::{BufferTooShort, Cause, MessageId, ParseError};
 
+use crate::frame::code;
 use crate::{BROADCAST, Expect, Feetech, Key, MAX_FRAME, checksum};
 
 /// The highest id of a servo.
 pub const MAX_ID: u8 = 253;
-
-/// The codes of requests.
-pub(crate) mod code {
-    pub(crate) const PING: u8 = 0x01;
-    pub(crate) const READ: u8 = 0x02;
-    pub(crate) const WRITE: u8 = 0x03;
-    pub(crate) const REG_WRITE: u8 = 0x04;
-    pub(crate) const ACTION: u8 = 0x05;
-    pub(crate) const FACTORY_RESET: u8 = 0x06;
-    pub(crate) const REBOOT: u8 = 0x08;
-    pub(crate) const RESET_TURNS: u8 = 0x0A;
-    pub(crate) const SYNC_READ: u8 = 0x82;
-    pub(crate) const SYNC_WRITE: u8 = 0x83;
-}
 
 /// A packet of the host. `id` is a servo, 0 to 253, or [`BROADCAST`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
