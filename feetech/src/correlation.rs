@@ -82,9 +82,12 @@ impl Correlation for Feetech {
         })
     }
 
-    // A request can match: a ping is the answer of a servo with a voltage error. On a line that echoes, a host skips as
-    // many bytes as it sent.
+    // A request can match: a ping is the answer of a servo with a voltage error.
     fn is_response_to(&self, key: Key, frame: &[u8]) -> bool {
         matches!(*frame, [_, _, id, len, ..] if id == key.id && u16::from(len) == u16::from(key.len) + 2)
+    }
+
+    fn echoes(&self) -> bool {
+        self.echoes
     }
 }

@@ -26,7 +26,7 @@ pub const BROADCAST: u8 = 0xFE;
 const HEADER: u8 = 0xFF;
 
 /// The number of bytes that LEN does not count.
-const OVERHEAD: usize = 4;
+pub(crate) const OVERHEAD: usize = 4;
 
 /// The range of LEN.
 const LEN: RangeInclusive<u8> = 2..=(MAX_FRAME - OVERHEAD) as u8;

@@ -8,7 +8,7 @@ use armwire::exchange::{Exchange, FirstByte, Handover, Match};
 use armwire::framing::Reason;
 use armwire::messages::Messages;
 use armwire::time::{Duration, Instant};
-use armwire::{BufferTooShort, Config};
+use armwire::{Config, EncodeError};
 
 use crate::{Expect, Feetech, MAX_FRAME, Request, Status};
 
@@ -36,7 +36,7 @@ pub enum Event<'a> {
 /// use armwire::time::Instant;
 /// use armwire_feetech::{Event, Feetech, Host, MAX_FRAME, Request, register};
 ///
-/// let mut host = Host::<8>::new(Feetech::default(), Config::default(), false);
+/// let mut host = Host::<8>::new(Feetech::default(), Config::default());
 /// let (mut out, sent) = ([0; MAX_FRAME], Instant::ZERO);
 /// let request = Request::SyncRead { address: register::VOLTAGE.address, len: 1, ids: &[1, 2] };
 /// assert_eq!(host.send(&request, sent, &mut out)?, Some(10)); // write these bytes
@@ -44,7 +44,7 @@ pub enum Event<'a> {
 /// assert!(matches!(host.poll(sent), Some(Event::Answer(status)) if status.data == [74]));
 /// let late = host.exchange.timeout().expect("it waits for servo 2");
 /// assert_eq!(host.poll(late), Some(Event::Missing(2)));
-/// # Ok::<(), armwire::BufferTooShort>(())
+/// # Ok::<(), armwire::EncodeError>(())
 /// ```
 pub struct Host<const N: usize> {
     /// Received bytes go in here. After a silence inside a packet, call [`idle`](Decoder::idle).
@@ -53,20 +53,18 @@ pub struct Host<const N: usize> {
     pub exchange: Exchange<Feetech, u8, N>,
     protocol: Feetech,
     config: Config,
-    echoes: bool,
     /// The offset of the first byte behind the last echo.
     behind_echo: u64,
 }
 
 impl<const N: usize> Host<N> {
-    /// A host on an idle line. `config` has the line's timing; a line that `echoes` returns every byte of a request.
-    pub const fn new(protocol: Feetech, config: Config, echoes: bool) -> Self {
+    /// A host on an idle line. `config` has the line's timing.
+    pub const fn new(protocol: Feetech, config: Config) -> Self {
         Self {
             decoder: Decoder::new(),
             exchange: Exchange::new(config.stale_window),
             protocol,
             config,
-            echoes,
             behind_echo: 0,
         }
     }
@@ -77,7 +75,7 @@ impl<const N: usize> Host<N> {
     /// # Errors
     ///
     /// As [`Messages::encode_request`].
-    pub fn send(&mut self, request: &Request, now: Instant, out: &mut [u8]) -> Result<Option<usize>, BufferTooShort> {
+    pub fn send(&mut self, request: &Request, now: Instant, out: &mut [u8]) -> Result<Option<usize>, EncodeError> {
         let n = self.protocol.encode_request(request, out)?;
         let frame = out.get(..n).unwrap_or_default();
         self.exchange.expire(now);
@@ -88,7 +86,7 @@ impl<const N: usize> Host<N> {
         {
             return Ok(None);
         }
-        let echo = if self.echoes { n } else { 0 };
+        let echo = if self.protocol.echoes { n } else { 0 };
         let (offset, at) = (self.decoder.received() + echo as u64, now + self.on_wire(n));
         for info in self.protocol.answers(frame) {
             let due = at + info.response.map_or(Duration::ZERO, |response| self.timeout(response));
@@ -103,7 +101,7 @@ impl<const N: usize> Host<N> {
         let Some(Item { offset, kind, bytes }) = self.decoder.next(&self.protocol, Expect::Responses) else {
             return self.exchange.on_timeout(now).map(Event::Missing);
         };
-        if self.echoes && offset < self.behind_echo {
+        if self.protocol.echoes && offset < self.behind_echo {
             return Some(Event::Echo(bytes));
         }
         let status = match (kind, self.protocol.parse_response(bytes, Expect::Responses)) {

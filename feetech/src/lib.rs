@@ -23,7 +23,7 @@
 //! let mut out = [0; MAX_FRAME];
 //! let n = Feetech::default().encode_request(&request, &mut out)?;
 //! assert_eq!(out[..n], [0xFF, 0xFF, 0x01, 0x04, 0x02, 0x38, 0x02, 0xBE]);
-//! # Ok::<(), armwire::BufferTooShort>(())
+//! # Ok::<(), armwire::EncodeError>(())
 //! ```
 //!
 //! # Sources

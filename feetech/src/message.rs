@@ -1,9 +1,9 @@
 //! Requests and answers.
 
 use armwire::messages::Messages;
-use armwire::{BufferTooShort, Cause, MessageId, ParseError};
+use armwire::{BufferTooShort, Cause, EncodeError, MessageId, OutOfRange, ParseError};
 
-use crate::frame::code;
+use crate::frame::{OVERHEAD, code};
 use crate::{BROADCAST, Expect, Feetech, Key, MAX_FRAME, checksum};
 
 /// The highest id of a servo.
@@ -81,13 +81,18 @@ pub struct Status<'a> {
     pub data: &'a [u8],
 }
 
+/// The most data bytes of a packet.
+const MAX_DATA: usize = MAX_FRAME - OVERHEAD - 2;
+
 /// Writes a packet.
 fn put(out: &mut [u8], id: u8, code: u8, data: impl Iterator<Item = u8> + Clone) -> Result<usize, BufferTooShort> {
-    let (needed, got) = (6 + data.clone().count(), out.len());
+    let (needed, got) = (OVERHEAD + 2 + data.clone().count(), out.len());
     // A packet that no length byte can state has no error of its own.
     let out = out.get_mut(..needed).filter(|_| needed <= MAX_FRAME);
     let out = out.ok_or(BufferTooShort { needed, got })?;
-    let bytes = [0xFF, 0xFF, id, (needed - 4) as u8, code].into_iter().chain(data);
+    let bytes = [0xFF, 0xFF, id, (needed - OVERHEAD) as u8, code]
+        .into_iter()
+        .chain(data);
     out.iter_mut().zip(bytes).for_each(|(to, byte)| *to = byte);
     if let [_, _, covered @ .., last] = out {
         *last = checksum(covered);
@@ -123,13 +128,20 @@ fn refusal(code: u8, got: usize) -> ParseError {
 impl Messages for Feetech {
     type Request<'a> = Request<'a>;
     type Response<'a> = Status<'a>;
+    type EncodeError = EncodeError;
 
     /// # Errors
     ///
-    /// [`BufferTooShort`] also for a packet of more than [`MAX_FRAME`] bytes.
-    fn encode_request(&self, request: &Request<'_>, out: &mut [u8]) -> Result<usize, BufferTooShort> {
+    /// [`EncodeError::OutOfRange`] for more data than a packet of [`MAX_FRAME`] bytes has.
+    fn encode_request(&self, request: &Request<'_>, out: &mut [u8]) -> Result<usize, EncodeError> {
         let (_, code, id, head, rest) = request.parts();
-        put(out, id, code, head.into_iter().flatten().chain(rest.iter().copied()))
+        let data = head.into_iter().flatten().chain(rest.iter().copied());
+        let got = data.clone().count();
+        if got > MAX_DATA {
+            let got = u16::try_from(got).unwrap_or(u16::MAX);
+            return Err(OutOfRange::new("data", "bytes", got, 0, MAX_DATA as u16).into());
+        }
+        Ok(put(out, id, code, data)?)
     }
 
     fn parse_request<'a>(&self, frame: &'a [u8]) -> Result<Request<'a>, ParseError> {

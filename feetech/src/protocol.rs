@@ -17,14 +17,17 @@ pub struct Feetech {
     pub return_delay: Duration,
     /// True if every servo has `status-level` 1 and acknowledges writes. Servos with 0 answer PING, READ and SYNC_READ only.
     pub acknowledges: bool,
+    /// True if the line returns every byte to its sender, as an adapter with one wire does that does not hide them.
+    pub echoes: bool,
 }
 
 impl Default for Feetech {
-    /// The longest return delay, 508 µs, and acknowledged writes: the factory settings.
+    /// The longest return delay, 508 µs, and acknowledged writes: the factory settings. No echoes.
     fn default() -> Self {
         Self {
             return_delay: Duration::from_micros(508),
             acknowledges: true,
+            echoes: false,
         }
     }
 }

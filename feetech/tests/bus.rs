@@ -28,7 +28,11 @@ struct Bus {
 
 impl Bus {
     fn new(echoes: bool) -> Self {
-        let host = Host::new(Feetech::default(), Config::default(), echoes);
+        let protocol = Feetech {
+            echoes,
+            ..Feetech::default()
+        };
+        let host = Host::new(protocol, Config::default());
         let now = Instant::ZERO;
         Self { host, now }
     }

@@ -162,6 +162,10 @@ fn packet_longer_than_its_length_byte_is_not_written() {
         let written = Feetech::default().encode_request(&Request::Write { id, address, data }, &mut out);
         assert_eq!(written.is_ok(), fits, "{len}");
         assert_eq!(out[0] != 0xEE, fits);
+        if len == 260 {
+            let text = "data is 261 bytes, must be 0..=244";
+            assert_eq!(written.unwrap_err().to_string(), text);
+        }
     }
     let error = Feetech::default().encode_request(&Request::Ping { id: 1 }, &mut [0; 5]);
     assert_eq!(
