@@ -8,6 +8,7 @@
 mod adapter;
 mod args;
 mod bench;
+mod bus;
 mod call;
 mod config;
 mod confirm;
@@ -15,6 +16,7 @@ mod counters;
 mod decode;
 mod error;
 mod hex;
+mod ids;
 mod info;
 mod list;
 mod monitor;
@@ -103,6 +105,9 @@ enum Command {
     /// At each rate a program first reads and waits for the answer; then a reader reads in a thread, and the program takes
     /// its newest pose. Prints the duration of the calls.
     Bench(bench::Bench),
+    /// Show the health of a bus of Feetech servos, as of an SO-101: lost, late and damaged answers, errors, settings that
+    /// differ. It only reads, and moves nothing.
+    Bus(bus::Bus),
     /// Send one request and print the answer.
     Call(call::Call),
     /// Decode a recording: frames, their meaning, stray bytes.
@@ -220,6 +225,7 @@ fn run(command: &Command) -> Result<(), Error> {
         #[cfg(feature = "recordings")]
         Command::Replay(replay) => replay.run(),
         Command::Teleop(teleop) => teleop.run(),
+        Command::Bus(bus) => bus.run(signals::catch()?),
         Command::Call(call) => call.run(),
         Command::Move(motion) => motion.run(),
         Command::Stop(stop) => stop.run(),

@@ -9,10 +9,10 @@ use armwire_sim::alpha1::{Alpha1Robot, BusConfig, RobotConfig, ServoBus};
 use armwire_sim::serial::SerialDevice;
 use clap::Args;
 
-use super::ids::ids;
 use super::line::{LineArgs, print_counts};
 use crate::call::values::{made, whole};
 use crate::error::Error;
+use crate::ids::ids;
 use crate::output::print_line;
 
 /// The arguments of `armwire sim alpha1`.

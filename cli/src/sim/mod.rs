@@ -1,7 +1,6 @@
 //! `armwire sim`: a virtual arm that any program can open.
 
 mod alpha1;
-mod ids;
 mod line;
 mod ling;
 mod so101;

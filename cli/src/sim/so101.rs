@@ -12,10 +12,10 @@ use armwire_sim::serial::SerialDevice;
 use armwire_sim::so101::{Config, Order, OrderError, So101};
 use clap::Args;
 
-use super::ids::ids;
 use super::line::{LineArgs, print_counts};
 use crate::call::values::parse;
 use crate::error::Error;
+use crate::ids::ids;
 use crate::output::print_line;
 
 /// Longest time from an order on standard input to its effect.

@@ -5,6 +5,7 @@
 mod adapter;
 mod alpha1;
 mod bench;
+mod bus;
 mod call;
 mod can;
 mod common;

@@ -1,7 +1,7 @@
 //! Ids of servos as text.
 
 /// The ids of a list of numbers and ascending ranges, such as '1-6' or '1,2,7'. `id` parses one.
-pub(super) fn ids(text: &str, id: impl Fn(&str) -> Result<u8, String>) -> Result<Vec<u8>, String> {
+pub(crate) fn ids(text: &str, id: impl Fn(&str) -> Result<u8, String>) -> Result<Vec<u8>, String> {
     let mut ids = Vec::new();
     for part in text.split(',') {
         let (first, last) = part.split_once('-').unwrap_or((part, part));

@@ -1,0 +1,112 @@
+//! `armwire bus` on a virtual SO-101.
+
+use std::io::{BufRead, BufReader, Read};
+use std::process::Command;
+
+use rustix::process::{Pid, Signal, kill_process};
+use serde_json::Value;
+
+use crate::common::{Arm, PROGRAM, failure, finish, run, start, usage};
+
+/// The report of a second on a virtual arm with these options, and the exit status and errors of the command.
+fn report(name: &str, sim: &[&str], bus: &[&str]) -> (String, Option<i32>, String) {
+    let arm = Arm::start("so101", name, sim);
+    let output = run(&[&["bus", &arm.port, "--seconds", "1"][..], bus].concat());
+    arm.stop(Signal::INT);
+    let text = |bytes| String::from_utf8(bytes).unwrap();
+    (text(output.stdout), output.status.code(), text(output.stderr))
+}
+
+#[test]
+fn healthy_bus_has_a_line_for_each_servo() {
+    let (text, status, progress) = report("bus", &[], &["--fail-on", "damaged,errors,differs,noise,echo"]);
+    assert_eq!(status, Some(0), "{progress}");
+    let lines: Vec<_> = text.lines().collect();
+    assert!(lines[0].contains("model  firmware"), "{text}");
+    for (servo, line) in lines[1..7].iter().enumerate() {
+        let words: Vec<_> = line.split_whitespace().collect();
+        assert_eq!(
+            words[..4],
+            [&*(servo + 1).to_string(), "777", "3.10", "7.4-7.4"],
+            "{text}"
+        );
+        assert_eq!((words[6], words[words.len() - 1]), ("off", "-"), "{text}");
+    }
+    assert!(lines[7].starts_with("1000000 baud; 0 noise bytes"), "{text}");
+    assert!(progress.contains("6 servos at 1000000 baud"), "{progress}");
+}
+
+#[test]
+fn findings_have_advice_and_fail_on_demand() {
+    let sim = ["--volts", "3.9", "--ids", "1,2", "--models", "777,2825", "--echo"];
+    let (text, status, errors) = report("bus-findings", &sim, &["--fail-on", "errors,differs,echo"]);
+    assert_eq!(status, Some(1));
+    for line in [
+        "errors: servo 1 reports voltage: its supply is 3.9 to 3.9 V, its registers 15 and 14 allow 4.0 to 8.0 V",
+        "differs: model differs: 777 (servo 1), 2825 (servo 2)",
+        "echo: the line returns the host's bytes: ",
+    ] {
+        assert!(text.lines().any(|found| found.starts_with(line)), "{text}");
+    }
+    assert!(errors.contains("found: errors, differs, echo"), "{errors}");
+}
+
+#[test]
+fn json_has_counts_and_settings() {
+    let (text, status, errors) = report("bus-json", &["--error", "2 32"], &["--json"]);
+    assert_eq!((status, &*errors), (Some(0), ""));
+    let report: Value = serde_json::from_str(&text).unwrap();
+    let servo = &report["servos"][1];
+    assert_eq!(
+        (&servo["id"], &servo["error_bits"], &servo["torque"]),
+        (&2.into(), &32.into(), &false.into())
+    );
+    assert_eq!(servo["settings"]["return-delay"], 250);
+    assert_eq!(report["findings"][0]["kind"], "errors");
+}
+
+#[test]
+fn interrupted_report_has_what_was_read() {
+    let arm = Arm::start("so101", "bus-interrupted", &[]);
+    let mut child = start(Command::new(PROGRAM).args(["bus", &arm.port, "--seconds", "600"]));
+    let mut progress = String::new();
+    BufReader::new(child.stderr.take().unwrap())
+        .read_line(&mut progress)
+        .unwrap();
+    assert!(progress.contains("6 servos"), "{progress}");
+    kill_process(Pid::from_child(&child), Signal::INT).unwrap();
+    let mut text = String::new();
+    child.stdout.take().unwrap().read_to_string(&mut text).unwrap();
+    assert!(text.contains("1000000 baud; "), "{text}");
+    assert!(finish(child).status.success());
+    arm.stop(Signal::INT);
+}
+
+#[test]
+fn another_arm_and_no_port_are_errors() {
+    let arm = Arm::start("ling", "bus-ling", &[]);
+    let output = run(&["bus", &arm.port, "--ids", "1-2", "--baud", "1000000"]);
+    let error = failure(&output);
+    assert!(
+        error.starts_with(&arm.port) && error.contains("no servo answers"),
+        "{error}"
+    );
+    arm.stop(Signal::INT);
+    let error = failure(&run(&["bus", "/nowhere/tty"]));
+    assert!(error.starts_with("/nowhere/tty: "), "{error}");
+}
+
+#[test]
+fn wrong_options_are_refused() {
+    for (args, reason) in [
+        (["--ids", "254"], "'254' is not an id from 0 to 253"),
+        (["--ids", "3-1"], "descending range"),
+        (["--baud", "0"], "'0' is not a baud rate or 'auto'"),
+        (["--baud", "fast"], "'fast' is not a baud rate or 'auto'"),
+        (["--seconds", "-1"], "'-1' is not a valid time in seconds"),
+        (["--fail-on", "lost,gremlins"], "gremlins"),
+    ] {
+        let error = usage(&[&["bus", "/dev/ttyACM0"][..], &args].concat());
+        assert!(error.contains(reason), "{error}");
+    }
+}
