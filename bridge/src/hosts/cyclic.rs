@@ -1,6 +1,6 @@
 //! Cyclic frames of a Ling arm on the bus: telemetry out, commands in.
 
-use armwire::ling::{JointState, Ling, MotionStatus, Request, Response};
+use armwire::ling::{JointState, Ling, MotionStatus, Request};
 use armwire::messages::Messages;
 
 use crate::can::command::Commands;
@@ -88,7 +88,7 @@ impl Cyclic {
     pub(super) fn frame(&mut self, kind: ArmKind, bytes: &[u8], at: Instant) {
         if self.telemetry_hz > 0
             && kind == ArmKind::Ling
-            && let Ok(Response::Joints(state)) = Ling.parse_response(bytes, ())
+            && let Some(state) = JointState::of_frame(bytes)
             && !matches!(state.status, MotionStatus::Foreign(_))
         {
             self.newest = Some((state, at));

@@ -189,6 +189,40 @@ pub struct JointState {
 }
 
 impl JointState {
+    const LEN: usize = 15;
+
+    /// The joints in a frame of the arm, as [`parse_response`](Messages::parse_response) decodes them. `None` for another
+    /// frame. A program that only needs this message does without the code of all others.
+    ///
+    /// ```
+    /// use armwire::ling::{JointState, READ_JOINTS};
+    ///
+    /// let frame = [0xAA, 6, 0, 15, 2, 8, 251, 7, 251, 7, 2, 8, 250, 7, 1, 8, 3, 8, 0, 0xA9, 0xFF];
+    /// assert_eq!(JointState::of_frame(&frame).unwrap().joints, [2050, 2043, 2043, 2050, 2042, 2049]);
+    /// assert_eq!(JointState::of_frame(&READ_JOINTS), None);
+    /// ```
+    pub fn of_frame(frame: &[u8]) -> Option<Self> {
+        match Frame::parse(frame)? {
+            Frame {
+                command: command::JOINTS,
+                function: function::STATE,
+                data,
+            } => Self::from_data(data).ok(),
+            _ => None,
+        }
+    }
+
+    /// The joints in the data of an answer, whatever follows them.
+    fn from_data(data: &[u8]) -> Result<Self, Cause> {
+        let documented = data.get(..Self::LEN).unwrap_or(data);
+        let [joints @ .., low, high, status] = sized::<{ Self::LEN }>(documented, &[Self::LEN])?;
+        Ok(Self {
+            joints: words(joints),
+            gripper: u16::from_le_bytes([*low, *high]),
+            status: MotionStatus::of_answer(*status, data.len() as u8),
+        })
+    }
+
     /// The joint positions.
     ///
     /// # Errors
@@ -342,7 +376,7 @@ fn split_extra(frame: Frame<'_>) -> (Frame<'_>, &[u8]) {
     let documented = match (frame.command, frame.function) {
         (command::INFO, 0) => 24,
         (command::STROKE, function::READ_STROKE) => 1,
-        (command::JOINTS, function::STATE) => 15,
+        (command::JOINTS, function::STATE) => JointState::LEN,
         // A number of servos between those of a leader and a follower: a leader's, and extra bytes.
         (command::JOINTS, function::TEMPERATURE) => {
             if len < 10 {
@@ -369,7 +403,7 @@ fn split_extra(frame: Frame<'_>) -> (Frame<'_>, &[u8]) {
 }
 
 fn parse_response(frame: Frame<'_>) -> Result<Response, Cause> {
-    let data_bytes = frame.data.len() as u8;
+    let with_extra = frame.data;
     let (frame, _) = split_extra(frame);
     match (frame.command, frame.function) {
         (command::INFO, 0) => {
@@ -387,15 +421,7 @@ fn parse_response(frame: Frame<'_>) -> Result<Response, Cause> {
                 .map(Response::Stroke)
                 .map_err(|error| Cause::value(0, error))
         }
-        (command::JOINTS, function::STATE) => {
-            let data: &[u8; 15] = sized(frame.data, &[15])?;
-            let [joints @ .., low, high, status] = data;
-            Ok(Response::Joints(JointState {
-                joints: words(joints),
-                gripper: u16::from_le_bytes([*low, *high]),
-                status: MotionStatus::of_answer(*status, data_bytes),
-            }))
-        }
+        (command::JOINTS, function::STATE) => JointState::from_data(with_extra).map(Response::Joints),
         (command::JOINTS, function::TEMPERATURE) => match frame.data.len() {
             6 => sized(frame.data, &[6]).copied().map(PerServo::Leader),
             _ => sized(frame.data, &[6, 10]).copied().map(PerServo::Follower),
@@ -485,7 +511,7 @@ impl Messages for Ling {
             }
             Response::Stroke(stroke) => encode(command::STROKE, function::READ_STROKE, &[*stroke as u8]),
             Response::Joints(state) => {
-                let mut data = [0; 15];
+                let mut data = [0; JointState::LEN];
                 let [j1, j2, j3, j4, j5, j6] = state.joints;
                 put_words(&mut data, &[j1, j2, j3, j4, j5, j6, state.gripper]);
                 let [.., status] = &mut data;

@@ -3,7 +3,7 @@
 use armwire::correlation::Effect;
 use armwire::exchange::time_of_state;
 use armwire::ling::{
-    self, Ling, Move, Response, Torque,
+    self, JointState, Ling, Move, Torque,
     stop::{Output, StopError},
 };
 use armwire::messages::Messages;
@@ -107,12 +107,12 @@ impl Steps {
     /// Takes a frame of the arm. Returns true if it is a reading.
     fn on_frame(&mut self, frame: &[u8], at: Instant) -> bool {
         match self {
-            Self::Ling(stop) => match Ling.parse_response(frame, ()) {
-                Ok(Response::Joints(state)) => {
+            Self::Ling(stop) => match JointState::of_frame(frame) {
+                Some(state) => {
                     stop.on_joints(at, &state);
                     true
                 }
-                _ => false,
+                None => false,
             },
             Self::Own(_) => false,
         }
