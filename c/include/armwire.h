@@ -459,6 +459,22 @@ enum ArmwireLingRequestKind
    * Runs a self-check of every servo (section 2.6).
    */
   ARMWIRE_LING_REQUEST_KIND_SELF_CHECK,
+  /**
+   * Sets the control mode of a force-feedback leader. (`control_mode`)
+   */
+  ARMWIRE_LING_REQUEST_KIND_SET_MODE,
+  /**
+   * The applied mode and the currents of a force-feedback leader.
+   */
+  ARMWIRE_LING_REQUEST_KIND_READ_MODE,
+  /**
+   * Requests the force feedback of a force-feedback leader, or its end. (`force_feedback_on`)
+   */
+  ARMWIRE_LING_REQUEST_KIND_SET_FORCE_FEEDBACK,
+  /**
+   * The state of the force feedback.
+   */
+  ARMWIRE_LING_REQUEST_KIND_READ_FORCE_FEEDBACK,
 };
 #ifndef __cplusplus
 #if __STDC_VERSION__ >= 202311L
@@ -504,6 +520,18 @@ enum ArmwireLingResponseKind
    * The outcome of a self-check. (`normal_servos`)
    */
   ARMWIRE_LING_RESPONSE_KIND_SELF_CHECK,
+  /**
+   * The verdict on a requested mode, which is not applied yet. (`requested_mode`, `mode_result`)
+   */
+  ARMWIRE_LING_RESPONSE_KIND_MODE_REPLY,
+  /**
+   * The applied mode and the currents. (`control_mode`, `blocked_joints`, `valid_joints`, `joint_force`)
+   */
+  ARMWIRE_LING_RESPONSE_KIND_MODE,
+  /**
+   * The state of the force feedback. (`force_feedback`, `requested_mode`)
+   */
+  ARMWIRE_LING_RESPONSE_KIND_FORCE_FEEDBACK,
 };
 #ifndef __cplusplus
 #if __STDC_VERSION__ >= 202311L
@@ -1287,7 +1315,8 @@ typedef struct ArmwireLingMove {
    */
   uint16_t position_ticks[ARMWIRE_LING_JOINTS];
   /**
-   * Speeds of joints 1 to 6. A client accepts 50 to 5000: an arm may take less for 0. A device receives 0 to 5000.
+   * Speeds of joints 1 to 6. A client accepts 50 to 5000: an arm may take less for 0. `armwire_ling_client_move_slowly`
+   * accepts 1 to 5000. A device receives 0 to 5000.
    */
   uint16_t speed_ticks_per_s[ARMWIRE_LING_JOINTS];
   /**
@@ -1299,6 +1328,67 @@ typedef struct ArmwireLingMove {
    */
   uint16_t gripper_speed_ticks_per_s;
 } ArmwireLingMove;
+
+/**
+ * Torque and currents of a joint of a force-feedback leader.
+ */
+typedef struct ArmwireLingJointForce {
+  /**
+   * The remote residual torque, in 0.001 Nm.
+   */
+  int16_t residual_torque_mnm;
+  /**
+   * The requested current, in 0.001 A.
+   */
+  int16_t requested_current_ma;
+  /**
+   * The output current, in 0.001 A.
+   */
+  int16_t output_current_ma;
+  /**
+   * The measured current, in 0.001 A.
+   */
+  int16_t measured_current_ma;
+} ArmwireLingJointForce;
+
+/**
+ * The state of the force feedback. Members are 0 or 1, unless they say more.
+ */
+typedef struct ArmwireLingForceFeedback {
+  /**
+   * It is requested.
+   */
+  uint8_t requested;
+  /**
+   * It acts on the joints.
+   */
+  uint8_t effective;
+  /**
+   * The reasons why it does not act: bit 0 not in teleoperation, bit 2 link or sample older than 30 ms, bit 3 a
+   * hardware fault, bit 4 unsupported.
+   */
+  uint8_t inhibit_mask;
+  /**
+   * The synchronization with another arm is active.
+   */
+  uint8_t sync_active;
+  /**
+   * The torque is on.
+   */
+  uint8_t torque_enabled;
+  /**
+   * The torque is requested.
+   */
+  uint8_t torque_requested;
+  /**
+   * Diagnostic, any value: the state of the transition.
+   */
+  uint8_t transition;
+  /**
+   * Diagnostic, any value: the raw value of the grip.
+   */
+  uint8_t grip_raw;
+} ArmwireLingForceFeedback;
 
 /**
  * A response received by a client or sent by a device. Members that its kind does not set are 0.
@@ -1358,6 +1448,34 @@ typedef struct ArmwireLingResponse {
    * One bit per servo, servo 1 lowest: 1 is normal.
    */
   uint16_t normal_servos;
+  /**
+   * Requested control mode as sent: 0 position, 1 current.
+   */
+  uint8_t requested_mode;
+  /**
+   * Verdict on the requested mode: 0 accepted, 1 invalid, 2 unsupported or not queued.
+   */
+  uint8_t mode_result;
+  /**
+   * Applied control mode: 0 position, 1 current.
+   */
+  uint8_t control_mode;
+  /**
+   * One bit per joint, joint 1 lowest: 1 is blocked.
+   */
+  uint8_t blocked_joints;
+  /**
+   * One bit per joint, joint 1 lowest: 1 has valid values in `joint_force`.
+   */
+  uint8_t valid_joints;
+  /**
+   * Torques and currents of joints 1 to 6.
+   */
+  struct ArmwireLingJointForce joint_force[ARMWIRE_LING_JOINTS];
+  /**
+   * The state of the force feedback.
+   */
+  struct ArmwireLingForceFeedback force_feedback;
 } ArmwireLingResponse;
 
 /**
@@ -1413,6 +1531,14 @@ typedef struct ArmwireLingRequest {
    * Temperature limit of the overheat protection.
    */
   uint8_t temperature_limit_celsius;
+  /**
+   * Control mode: 0 position, 1 current.
+   */
+  uint8_t control_mode;
+  /**
+   * Force feedback: 1 on, 0 off.
+   */
+  uint8_t force_feedback_on;
   /**
    * Targets and speeds of a move.
    */
@@ -1989,9 +2115,43 @@ ArmwireStatus armwire_ling_client_move(struct ArmwireLingClient *client,
                                        const struct ArmwireLingMove *target);
 
 /**
+ * As `armwire_ling_client_move`, with speeds from 1 tick/s on. `mode` is the arm's answer to
+ * `armwire_ling_client_read_mode`, which shows that it is a force-feedback leader. With any other response the slowest
+ * speed is 50.
+ */
+ArmwireStatus armwire_ling_client_move_slowly(struct ArmwireLingClient *client,
+                                              const struct ArmwireLingMove *target,
+                                              const struct ArmwireLingResponse *mode);
+
+/**
  * Runs a self-check of every servo (section 2.6).
  */
 ArmwireStatus armwire_ling_client_self_check(struct ArmwireLingClient *client);
+
+/**
+ * Sets the control mode of a force-feedback leader: 0 position, 1 current. The torque may be switched: after a return
+ * to position mode it is off. The answer says that the mode is accepted, not that it is applied: read the mode until
+ * it is. No answer means that the arm is no such leader.
+ */
+ArmwireStatus armwire_ling_client_set_mode(struct ArmwireLingClient *client,
+                                           uint8_t mode);
+
+/**
+ * Reads the applied control mode and the currents of a force-feedback leader. No other arm answers.
+ */
+ArmwireStatus armwire_ling_client_read_mode(struct ArmwireLingClient *client);
+
+/**
+ * Requests the force feedback of a force-feedback leader (1), or its end (0). With it the motors push the joints. The
+ * answer says whether it is effective.
+ */
+ArmwireStatus armwire_ling_client_set_force_feedback(struct ArmwireLingClient *client,
+                                                     uint8_t on);
+
+/**
+ * Reads the state of the force feedback of a force-feedback leader.
+ */
+ArmwireStatus armwire_ling_client_read_force_feedback(struct ArmwireLingClient *client);
 
 /**
  * Initializes a device. `version` is ARMWIRE_VERSION.

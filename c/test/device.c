@@ -180,6 +180,36 @@ static size_t ling_answer(const ArmwireLingRequest *request, uint8_t *out, size_
         response->kind = ARMWIRE_LING_RESPONSE_KIND_SELF_CHECK;
         response->normal_servos = any16();
         break;
+    case ARMWIRE_LING_REQUEST_KIND_SET_MODE:
+        response->kind = ARMWIRE_LING_RESPONSE_KIND_MODE_REPLY;
+        response->requested_mode = request->control_mode;
+        response->mode_result = (uint8_t)random_below(&rng, 3);
+        break;
+    case ARMWIRE_LING_REQUEST_KIND_READ_MODE:
+        response->kind = ARMWIRE_LING_RESPONSE_KIND_MODE;
+        response->control_mode = any8() & 1;
+        response->blocked_joints = any8();
+        response->valid_joints = any8();
+        for (size_t i = 0; i < ARMWIRE_LING_JOINTS; i++) {
+            response->joint_force[i].residual_torque_mnm = (int16_t)(any16() - 32768);
+            response->joint_force[i].requested_current_ma = (int16_t)(any16() - 32768);
+            response->joint_force[i].output_current_ma = (int16_t)(any16() - 32768);
+            response->joint_force[i].measured_current_ma = (int16_t)(any16() - 32768);
+        }
+        break;
+    case ARMWIRE_LING_REQUEST_KIND_SET_FORCE_FEEDBACK:
+    case ARMWIRE_LING_REQUEST_KIND_READ_FORCE_FEEDBACK:
+        response->kind = ARMWIRE_LING_RESPONSE_KIND_FORCE_FEEDBACK;
+        response->force_feedback.requested = any8() & 1;
+        response->force_feedback.effective = any8() & 1;
+        response->force_feedback.inhibit_mask = any8();
+        response->force_feedback.sync_active = any8() & 1;
+        response->force_feedback.torque_enabled = any8() & 1;
+        response->force_feedback.torque_requested = any8() & 1;
+        response->force_feedback.transition = any8();
+        response->force_feedback.grip_raw = any8();
+        response->requested_mode = any8();
+        break;
     default:
         return 0;
     }
@@ -202,6 +232,11 @@ static void ling_same(const ArmwireLingResponse *got)
     CHECK(memcmp(got->temperature_celsius, sent->temperature_celsius, sizeof got->temperature_celsius) == 0);
     CHECK(memcmp(got->velocity_ticks_per_s, sent->velocity_ticks_per_s, sizeof got->velocity_ticks_per_s) == 0);
     CHECK(got->normal_servos == sent->normal_servos);
+    CHECK(got->requested_mode == sent->requested_mode && got->mode_result == sent->mode_result);
+    CHECK(got->control_mode == sent->control_mode);
+    CHECK(got->blocked_joints == sent->blocked_joints && got->valid_joints == sent->valid_joints);
+    CHECK(memcmp(got->joint_force, sent->joint_force, sizeof got->joint_force) == 0);
+    CHECK(memcmp(&got->force_feedback, &sent->force_feedback, sizeof got->force_feedback) == 0);
 }
 
 static void ling_round(void)
@@ -217,8 +252,10 @@ static void ling_round(void)
         ARMWIRE_LING_REQUEST_KIND_READ_TEMPERATURES, ARMWIRE_LING_REQUEST_KIND_READ_VELOCITIES,
         ARMWIRE_LING_REQUEST_KIND_SELF_CHECK,      ARMWIRE_LING_REQUEST_KIND_SET_STROKE,
         ARMWIRE_LING_REQUEST_KIND_SET_TORQUE,      ARMWIRE_LING_REQUEST_KIND_SET_TEMPERATURE_LIMIT,
-        ARMWIRE_LING_REQUEST_KIND_MOVE};
-    uint32_t which = random_below(&rng, 11);
+        ARMWIRE_LING_REQUEST_KIND_MOVE,            ARMWIRE_LING_REQUEST_KIND_SET_MODE,
+        ARMWIRE_LING_REQUEST_KIND_READ_MODE,       ARMWIRE_LING_REQUEST_KIND_SET_FORCE_FEEDBACK,
+        ARMWIRE_LING_REQUEST_KIND_READ_FORCE_FEEDBACK};
+    uint32_t which = random_below(&rng, 15);
     uint8_t stroke_mm = (uint8_t)(50 + 25 * random_below(&rng, 3)), on = any8() & 1, celsius = (uint8_t)random_below(&rng, 254);
     ArmwireLingMove target;
     for (size_t i = 0; i < ARMWIRE_LING_JOINTS; i++) {
@@ -233,11 +270,15 @@ static void ling_round(void)
     case 8: CHECK_OK(armwire_ling_client_set_torque(&ling_client, on)); break;
     case 9: CHECK_OK(armwire_ling_client_set_temperature_limit(&ling_client, celsius)); break;
     case 10: CHECK_OK(armwire_ling_client_move(&ling_client, &target)); break;
+    case 11: CHECK_OK(armwire_ling_client_set_mode(&ling_client, on)); break;
+    case 12: CHECK_OK(armwire_ling_client_read_mode(&ling_client)); break;
+    case 13: CHECK_OK(armwire_ling_client_set_force_feedback(&ling_client, on)); break;
+    case 14: CHECK_OK(armwire_ling_client_read_force_feedback(&ling_client)); break;
     default: CHECK_OK(plain[which](&ling_client)); break;
     }
     ArmwireLingResponse response;
     ArmwireEvent event = ling_exchange(&response);
-    if (which == 1 || which >= 7) {
+    if (which == 1 || (which >= 7 && which <= 10)) {
         CHECK(event.kind == ARMWIRE_EVENT_KIND_SENT);
     } else if (answered(&event)) {
         ling_same(&response);
@@ -247,6 +288,7 @@ static void ling_round(void)
         CHECK(got->kind == kinds[which]);
         CHECK(got->stroke_mm == (which == 7 ? stroke_mm : 0) && got->torque_on == (which == 8 ? on : 0));
         CHECK(got->temperature_limit_celsius == (which == 9 ? celsius : 0));
+        CHECK(got->control_mode == (which == 11 ? on : 0) && got->force_feedback_on == (which == 13 ? on : 0));
         CHECK(which != 10 || memcmp(&got->target, &target, sizeof target) == 0);
     }
 }

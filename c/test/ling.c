@@ -247,10 +247,40 @@ static void requests_end_whatever_the_line_does(unsigned rounds)
     CHECK(answers > 5 * rounds && others.noise > 0);
 }
 
+/* A mode that is accepted is applied later. The answer for the mode permits slow moves. */
+static void leader_applies_a_mode_later(void)
+{
+    sent(armwire_ling_client_set_torque(&arm, 1));
+    ArmwireLingMove target = {{2049, 2048, 2048, 2048, 2048, 2048}, {1, 1, 1, 1, 1, 1}, 0, 1000};
+    ArmwireLingResponse mode = {0};
+    CHECK(armwire_ling_client_move_slowly(&arm, &target, &mode) == ARMWIRE_STATUS_OUT_OF_RANGE);
+    mode = answer(armwire_ling_client_read_mode, ARMWIRE_LING_RESPONSE_KIND_MODE);
+    CHECK(mode.control_mode == 0 && mode.blocked_joints == 2 && mode.valid_joints == 0x3F);
+    CHECK(armwire_ling_client_move(&arm, &target) == ARMWIRE_STATUS_OUT_OF_RANGE);
+    sent(armwire_ling_client_move_slowly(&arm, &target, &mode));
+
+    ArmwireLingResponse reply;
+    CHECK_OK(armwire_ling_client_set_mode(&arm, 1));
+    CHECK(ling_call(&arm, &port, &reply, &others).kind == ARMWIRE_EVENT_KIND_ANSWER);
+    CHECK(reply.kind == ARMWIRE_LING_RESPONSE_KIND_MODE_REPLY && reply.requested_mode == 1 && reply.mode_result == 0);
+    uint64_t deadline_us = now_us() + 10000000u;
+    do {
+        mode = answer(armwire_ling_client_read_mode, ARMWIRE_LING_RESPONSE_KIND_MODE);
+        CHECK(now_us() < deadline_us);
+    } while (mode.control_mode != 1);
+
+    CHECK_OK(armwire_ling_client_set_force_feedback(&arm, 1));
+    CHECK(ling_call(&arm, &port, &reply, &others).kind == ARMWIRE_EVENT_KIND_ANSWER);
+    CHECK(reply.force_feedback.requested == 1 && reply.force_feedback.effective == 0);
+    reply = answer(armwire_ling_client_read_force_feedback, ARMWIRE_LING_RESPONSE_KIND_FORCE_FEEDBACK);
+    CHECK(reply.force_feedback.inhibit_mask == 1 && reply.requested_mode == 1);
+}
+
 int main(int argc, char **argv)
 {
     /* Its poses are exact. */
     static const char *const good[] = {"ling", "--plant", "ideal", NULL};
+    static const char *const leader[] = {"ling", "--force-feedback=apply=300ms,blocked=2", NULL};
     static const char *const bad[] = {"ling", "--plant", "ideal", "--faults", "2000", NULL};
     ArmwireConfig config;
     CHECK(argc == 2);
@@ -263,6 +293,11 @@ int main(int argc, char **argv)
     moved_arm_arrives_and_a_stopped_one_is_elsewhere();
     moving_arm_stops_and_keeps_its_torque();
     frames_may_be_written_in_parts();
+    port_close(&port);
+
+    CHECK_OK(armwire_ling_client_init(&arm, ARMWIRE_VERSION, &config));
+    port = port_open(argv[1], leader);
+    leader_applies_a_mode_later();
     port_close(&port);
 
     config.latency_us = 30000;

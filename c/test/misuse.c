@@ -222,7 +222,7 @@ static ArmwireStatus ling_client_call(ArmwireLingClient *client)
     if (one_in(2)) {
         memset(&target, 0, sizeof target);
     }
-    switch (random_below(&rng, 20)) {
+    switch (random_below(&rng, 25)) {
     case 0: return armwire_ling_client_read_info(client);
     case 1: return armwire_ling_client_set_zero(client);
     case 2: return armwire_ling_client_set_stroke(client, one_in(2) ? 75 : any8());
@@ -234,6 +234,16 @@ static ArmwireStatus ling_client_call(ArmwireLingClient *client)
     case 8: return armwire_ling_client_read_velocities(client);
     case 9: return armwire_ling_client_move(client, or_null(&target));
     case 10: return armwire_ling_client_self_check(client);
+    case 11: return armwire_ling_client_set_mode(client, (uint8_t)random_below(&rng, 3));
+    case 12: return armwire_ling_client_read_mode(client);
+    case 13: return armwire_ling_client_set_force_feedback(client, (uint8_t)random_below(&rng, 3));
+    case 14: return armwire_ling_client_read_force_feedback(client);
+    case 15: {
+        ArmwireLingResponse mode;
+        any_bytes(&mode, sizeof mode);
+        mode.kind = random_below(&rng, 11);
+        return armwire_ling_client_move_slowly(client, or_null(&target), or_null(&mode));
+    }
     default: return ling_client_mechanics(client, one_in(6) ? 0 : 1 + random_below(&rng, 10));
     }
 }
@@ -246,7 +256,7 @@ static ArmwireStatus ling_device_call(ArmwireLingDevice *device)
         return ling_device_mechanics(device, one_in(6) ? 0 : 1 + random_below(&rng, 8));
     }
     any_bytes(&response, sizeof response);
-    response.kind = one_in(10) ? any32() : random_below(&rng, 8);
+    response.kind = one_in(10) ? any32() : random_below(&rng, 11);
     response.servos = one_in(4) ? any8() : (uint8_t)(6 + 4 * random_below(&rng, 2));
     response.stroke_mm = one_in(4) ? any8() : 50;
     uint8_t *out = malloc(room + 1);

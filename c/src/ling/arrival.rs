@@ -1,7 +1,7 @@
 //! The arrival of an arm at the target of a move.
 
-use armwire::ling::Response;
 use armwire::ling::arrival::{Arrival, Arrived, Away, Tolerances};
+use armwire::ling::{Response, Speed};
 use armwire::time::Instant;
 
 use super::message::{ARMWIRE_LING_JOINTS, ArmwireLingMove, ArmwireLingResponse};
@@ -75,7 +75,7 @@ pub extern "C" fn armwire_ling_arrival_init(
     if version != ARMWIRE_VERSION {
         return ArmwireStatus::Version;
     }
-    match target.map(ArmwireLingMove::get) {
+    match target.map(|target| target.get(Speed::SLOWEST_OF_FORCE_FEEDBACK)) {
         None => ArmwireStatus::Null,
         Some(Ok(target)) => memory::init(arrival, Arrival::new(target, Tolerances::within(within_ticks))).into(),
         Some(Err(_)) => ArmwireStatus::OutOfRange,

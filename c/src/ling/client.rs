@@ -1,9 +1,9 @@
 //! The host's side.
 
 use armwire::Config;
-use armwire::ling::{Ling, MAX_FRAME, Request};
+use armwire::ling::{Ling, MAX_FRAME, Request, Speed};
 
-use super::message::{ArmwireLingMove, ArmwireLingResponse, stroke, temperature_limit, torque};
+use super::message::{ArmwireLingMove, ArmwireLingResponse, control_mode, stroke, switch, temperature_limit, torque};
 use crate::client::State;
 use crate::config::ArmwireConfig;
 use crate::event::ArmwireEvent;
@@ -74,7 +74,24 @@ pub extern "C" fn armwire_ling_client_move(
         return ArmwireStatus::Null;
     };
     memory::open(client)
-        .and_then(|client| client.submit(target.get().map(Request::Move)))
+        .and_then(|client| client.submit(target.get(Speed::SLOWEST).map(Request::Move)))
+        .into()
+}
+
+/// As `armwire_ling_client_move`, with speeds from 1 tick/s on. `mode` is the arm's answer to
+/// `armwire_ling_client_read_mode`, which shows that it is a force-feedback leader. With any other response the slowest
+/// speed is 50.
+#[unsafe(no_mangle)]
+pub extern "C" fn armwire_ling_client_move_slowly(
+    client: Option<&mut ArmwireLingClient>,
+    target: Option<&ArmwireLingMove>,
+    mode: Option<&ArmwireLingResponse>,
+) -> ArmwireStatus {
+    let (Some(target), Some(mode)) = (target, mode) else {
+        return ArmwireStatus::Null;
+    };
+    memory::open(client)
+        .and_then(|client| client.submit(target.get(mode.slowest()).map(Request::Move)))
         .into()
 }
 
@@ -83,4 +100,19 @@ requests! {
 
     /// Runs a self-check of every servo (section 2.6).
     armwire_ling_client_self_check() => Ok(Request::SelfCheck);
+
+    /// Sets the control mode of a force-feedback leader: 0 position, 1 current. The torque may be switched: after a return
+    /// to position mode it is off. The answer says that the mode is accepted, not that it is applied: read the mode until
+    /// it is. No answer means that the arm is no such leader.
+    armwire_ling_client_set_mode(mode: u8) => control_mode(mode).map(Request::SetMode);
+
+    /// Reads the applied control mode and the currents of a force-feedback leader. No other arm answers.
+    armwire_ling_client_read_mode() => Ok(Request::ReadMode);
+
+    /// Requests the force feedback of a force-feedback leader (1), or its end (0). With it the motors push the joints. The
+    /// answer says whether it is effective.
+    armwire_ling_client_set_force_feedback(on: u8) => switch(on).map(Request::SetForceFeedback);
+
+    /// Reads the state of the force feedback of a force-feedback leader.
+    armwire_ling_client_read_force_feedback() => Ok(Request::ReadForceFeedback);
 }

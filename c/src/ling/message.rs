@@ -2,8 +2,9 @@
 
 use armwire::OutOfRange;
 use armwire::ling::{
-    GripperSpeed, Info, JOINTS, JointState, MotionStatus, Move, Opening, PerServo, Position, Request, Response,
-    SelfCheck, SerialNumber, Speed, Stroke, TemperatureLimit, Torque, Version,
+    ControlMode, ForceFeedback, GripperSpeed, Info, Inhibit, JOINTS, JointForce, JointMask, JointState, ModeReply,
+    ModeResult, ModeState, MotionStatus, Move, Opening, PerServo, Position, Request, Response, SelfCheck, SerialNumber,
+    Speed, Stroke, TemperatureLimit, Torque, Version,
 };
 
 use crate::device::Refusal;
@@ -24,7 +25,8 @@ const _: () = assert!(ARMWIRE_LING_JOINTS == JOINTS);
 pub struct ArmwireLingMove {
     /// Targets of joints 1 to 6, 0 to 4095.
     pub position_ticks: [u16; ARMWIRE_LING_JOINTS],
-    /// Speeds of joints 1 to 6. A client accepts 50 to 5000: an arm may take less for 0. A device receives 0 to 5000.
+    /// Speeds of joints 1 to 6. A client accepts 50 to 5000: an arm may take less for 0. `armwire_ling_client_move_slowly`
+    /// accepts 1 to 5000. A device receives 0 to 5000.
     pub speed_ticks_per_s: [u16; ARMWIRE_LING_JOINTS],
     /// Target of the gripper, 0 (closed) to 1000 (open).
     pub opening_per_mille: u16,
@@ -43,14 +45,15 @@ impl ArmwireLingMove {
         }
     }
 
-    pub(super) fn get(&self) -> Result<Move, Refused> {
+    /// The move of an arm with this slowest speed.
+    pub(super) fn get(&self, slowest: Speed) -> Result<Move, Refused> {
         let mut joints = [(Position::CENTRE, Speed::MAX); JOINTS];
         let values = self.position_ticks.into_iter().zip(self.speed_ticks_per_s);
         for (index, (joint, (position, speed))) in joints.iter_mut().zip(values).enumerate() {
             let at = Refused::at(index);
             *joint = (
                 Position::new(position).map_err(&at)?,
-                Speed::for_move(speed).map_err(&at)?,
+                Speed::from_slowest(slowest, speed).map_err(&at)?,
             );
         }
         let opening = Opening::new(self.opening_per_mille).map_err(Refused::only)?;
@@ -89,6 +92,14 @@ pub enum ArmwireLingRequestKind {
     Move,
     /// Runs a self-check of every servo (section 2.6).
     SelfCheck,
+    /// Sets the control mode of a force-feedback leader. (`control_mode`)
+    SetMode,
+    /// The applied mode and the currents of a force-feedback leader.
+    ReadMode,
+    /// Requests the force feedback of a force-feedback leader, or its end. (`force_feedback_on`)
+    SetForceFeedback,
+    /// The state of the force feedback.
+    ReadForceFeedback,
 }
 
 /// A request received by a device. Members that its kind does not set are 0.
@@ -103,6 +114,10 @@ pub struct ArmwireLingRequest {
     pub torque_on: u8,
     /// Temperature limit of the overheat protection.
     pub temperature_limit_celsius: u8,
+    /// Control mode: 0 position, 1 current.
+    pub control_mode: u8,
+    /// Force feedback: 1 on, 0 off.
+    pub force_feedback_on: u8,
     /// Targets and speeds of a move.
     pub target: ArmwireLingMove,
 }
@@ -135,6 +150,16 @@ impl ArmwireLingRequest {
                 ArmwireLingRequestKind::Move
             }
             Some(Request::SelfCheck) => ArmwireLingRequestKind::SelfCheck,
+            Some(Request::SetMode(mode)) => {
+                self.control_mode = mode as u8;
+                ArmwireLingRequestKind::SetMode
+            }
+            Some(Request::ReadMode) => ArmwireLingRequestKind::ReadMode,
+            Some(Request::SetForceFeedback(is_on)) => {
+                self.force_feedback_on = is_on.into();
+                ArmwireLingRequestKind::SetForceFeedback
+            }
+            Some(Request::ReadForceFeedback) => ArmwireLingRequestKind::ReadForceFeedback,
             None | Some(_) => ArmwireLingRequestKind::None,
         };
         self.kind = kind as u32;
@@ -159,6 +184,49 @@ pub enum ArmwireLingResponseKind {
     Velocities,
     /// The outcome of a self-check. (`normal_servos`)
     SelfCheck,
+    /// The verdict on a requested mode, which is not applied yet. (`requested_mode`, `mode_result`)
+    ModeReply,
+    /// The applied mode and the currents. (`control_mode`, `blocked_joints`, `valid_joints`, `joint_force`)
+    Mode,
+    /// The state of the force feedback. (`force_feedback`, `requested_mode`)
+    ForceFeedback,
+}
+
+/// Torque and currents of a joint of a force-feedback leader.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default)]
+pub struct ArmwireLingJointForce {
+    /// The remote residual torque, in 0.001 Nm.
+    pub residual_torque_mnm: i16,
+    /// The requested current, in 0.001 A.
+    pub requested_current_ma: i16,
+    /// The output current, in 0.001 A.
+    pub output_current_ma: i16,
+    /// The measured current, in 0.001 A.
+    pub measured_current_ma: i16,
+}
+
+/// The state of the force feedback. Members are 0 or 1, unless they say more.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default)]
+pub struct ArmwireLingForceFeedback {
+    /// It is requested.
+    pub requested: u8,
+    /// It acts on the joints.
+    pub effective: u8,
+    /// The reasons why it does not act: bit 0 not in teleoperation, bit 2 link or sample older than 30 ms, bit 3 a
+    /// hardware fault, bit 4 unsupported.
+    pub inhibit_mask: u8,
+    /// The synchronization with another arm is active.
+    pub sync_active: u8,
+    /// The torque is on.
+    pub torque_enabled: u8,
+    /// The torque is requested.
+    pub torque_requested: u8,
+    /// Diagnostic, any value: the state of the transition.
+    pub transition: u8,
+    /// Diagnostic, any value: the raw value of the grip.
+    pub grip_raw: u8,
 }
 
 /// A response received by a client or sent by a device. Members that its kind does not set are 0.
@@ -193,6 +261,20 @@ pub struct ArmwireLingResponse {
     pub velocity_ticks_per_s: [u16; ARMWIRE_LING_MAX_SERVOS],
     /// One bit per servo, servo 1 lowest: 1 is normal.
     pub normal_servos: u16,
+    /// Requested control mode as sent: 0 position, 1 current.
+    pub requested_mode: u8,
+    /// Verdict on the requested mode: 0 accepted, 1 invalid, 2 unsupported or not queued.
+    pub mode_result: u8,
+    /// Applied control mode: 0 position, 1 current.
+    pub control_mode: u8,
+    /// One bit per joint, joint 1 lowest: 1 is blocked.
+    pub blocked_joints: u8,
+    /// One bit per joint, joint 1 lowest: 1 has valid values in `joint_force`.
+    pub valid_joints: u8,
+    /// Torques and currents of joints 1 to 6.
+    pub joint_force: [ArmwireLingJointForce; ARMWIRE_LING_JOINTS],
+    /// The state of the force feedback.
+    pub force_feedback: ArmwireLingForceFeedback,
 }
 
 /// Copies readings to the front of an array, and returns their number.
@@ -223,6 +305,73 @@ pub(super) fn torque(on: u8) -> Result<Torque, Refused> {
 /// A limit in °C.
 pub(super) fn temperature_limit(celsius: u8) -> Result<TemperatureLimit, Refused> {
     TemperatureLimit::new(celsius).map_err(Refused::only)
+}
+
+/// The control mode position (0) or current (1).
+pub(super) fn control_mode(code: u8) -> Result<ControlMode, Refused> {
+    match code {
+        0 => Ok(ControlMode::Position),
+        1 => Ok(ControlMode::Current),
+        _ => Err(Refused::only(OutOfRange::new("control mode", "", code, 0, 1))),
+    }
+}
+
+/// A switch off (0) or on (1).
+pub(super) fn switch(on: u8) -> Result<bool, Refused> {
+    match on {
+        0 => Ok(false),
+        1 => Ok(true),
+        _ => Err(Refused::only(OutOfRange::new("force feedback switch", "", on, 0, 1))),
+    }
+}
+
+impl ArmwireLingJointForce {
+    const fn of(force: &JointForce) -> Self {
+        Self {
+            residual_torque_mnm: force.residual_torque,
+            requested_current_ma: force.requested_current,
+            output_current_ma: force.output_current,
+            measured_current_ma: force.measured_current,
+        }
+    }
+
+    const fn get(self) -> JointForce {
+        JointForce {
+            residual_torque: self.residual_torque_mnm,
+            requested_current: self.requested_current_ma,
+            output_current: self.output_current_ma,
+            measured_current: self.measured_current_ma,
+        }
+    }
+}
+
+impl ArmwireLingForceFeedback {
+    fn of(state: &ForceFeedback) -> Self {
+        Self {
+            requested: state.is_requested.into(),
+            effective: state.is_effective.into(),
+            inhibit_mask: state.inhibit.0,
+            sync_active: state.is_sync_active.into(),
+            torque_enabled: state.is_torque_enabled.into(),
+            torque_requested: state.is_torque_requested.into(),
+            transition: state.transition,
+            grip_raw: state.grip,
+        }
+    }
+
+    fn get(&self, requested_mode: u8) -> Result<ForceFeedback, Refused> {
+        Ok(ForceFeedback {
+            is_requested: switch(self.requested)?,
+            is_effective: switch(self.effective)?,
+            inhibit: Inhibit(self.inhibit_mask),
+            is_sync_active: switch(self.sync_active)?,
+            is_torque_enabled: switch(self.torque_enabled)?,
+            is_torque_requested: switch(self.torque_requested)?,
+            transition: self.transition,
+            grip: self.grip_raw,
+            requested_mode,
+        })
+    }
 }
 
 impl ArmwireLingResponse {
@@ -260,6 +409,21 @@ impl ArmwireLingResponse {
                 self.normal_servos = check.0;
                 ArmwireLingResponseKind::SelfCheck
             }
+            Some(Response::ModeReply(reply)) => {
+                (self.requested_mode, self.mode_result) = (reply.requested, reply.result as u8);
+                ArmwireLingResponseKind::ModeReply
+            }
+            Some(Response::Mode(state)) => {
+                self.control_mode = state.mode as u8;
+                (self.blocked_joints, self.valid_joints) = (state.blocked.0, state.valid.0);
+                self.joint_force = state.joints.each_ref().map(ArmwireLingJointForce::of);
+                ArmwireLingResponseKind::Mode
+            }
+            Some(Response::ForceFeedback(state)) => {
+                self.force_feedback = ArmwireLingForceFeedback::of(&state);
+                self.requested_mode = state.requested_mode;
+                ArmwireLingResponseKind::ForceFeedback
+            }
             None | Some(_) => ArmwireLingResponseKind::None,
         };
         self.kind = kind as u32;
@@ -296,7 +460,39 @@ impl ArmwireLingResponse {
         if kind(ArmwireLingResponseKind::SelfCheck) {
             return Ok(Response::SelfCheck(SelfCheck(self.normal_servos)));
         }
+        if kind(ArmwireLingResponseKind::ModeReply) {
+            let (requested, result) = (self.requested_mode, self.result()?);
+            return Ok(Response::ModeReply(ModeReply { requested, result }));
+        }
+        if kind(ArmwireLingResponseKind::Mode) {
+            return Ok(Response::Mode(ModeState {
+                mode: control_mode(self.control_mode)?,
+                blocked: JointMask(self.blocked_joints),
+                valid: JointMask(self.valid_joints),
+                joints: self.joint_force.map(ArmwireLingJointForce::get),
+            }));
+        }
+        if kind(ArmwireLingResponseKind::ForceFeedback) {
+            return Ok(Response::ForceFeedback(self.force_feedback.get(self.requested_mode)?));
+        }
         Err(Refusal::Status(ArmwireStatus::UnknownKind))
+    }
+
+    fn result(&self) -> Result<ModeResult, Refused> {
+        match self.mode_result {
+            0 => Ok(ModeResult::Accepted),
+            1 => Ok(ModeResult::Invalid),
+            2 => Ok(ModeResult::Unsupported),
+            got => Err(Refused::only(OutOfRange::new("result of a mode", "", got, 0, 2))),
+        }
+    }
+
+    /// The slowest speed that this answer of an arm permits.
+    pub(super) fn slowest(&self) -> Speed {
+        match self.kind == ArmwireLingResponseKind::Mode as u32 {
+            true => Speed::SLOWEST_OF_FORCE_FEEDBACK,
+            false => Speed::SLOWEST,
+        }
     }
 
     fn per_servo<T>(&self, readings: [T; ARMWIRE_LING_MAX_SERVOS]) -> Result<PerServo<T>, Refused> {

@@ -1,7 +1,7 @@
 //! Stopping an arm, and the meaning of its readings.
 
 use armwire::ling::stop::{Grip, Output, StopError, Stopped};
-use armwire::ling::{Immovable, MotionStatus, Opening, Request, Response, Stop};
+use armwire::ling::{Immovable, MotionStatus, Opening, Request, Response, Speed, Stop};
 use armwire::time::Instant;
 
 use super::message::{ARMWIRE_LING_JOINTS, ArmwireLingMove, ArmwireLingResponse};
@@ -168,7 +168,7 @@ pub extern "C" fn armwire_ling_stop_init_after(
     if version != ARMWIRE_VERSION {
         return ArmwireStatus::Version;
     }
-    match last.map(ArmwireLingMove::get) {
+    match last.map(|last| last.get(Speed::SLOWEST_OF_FORCE_FEEDBACK)) {
         None => ArmwireStatus::Null,
         Some(Ok(last)) => memory::init(stop, Stop::after(&last)).into(),
         Some(Err(_)) => ArmwireStatus::OutOfRange,
