@@ -266,6 +266,22 @@ local STATUS = {
 -- Servos of a leader and of a follower.
 local LEADER, FOLLOWER = 6, 10
 
+-- A force-feedback leader.
+local MODES = { [0] = "position", [1] = "current" }
+local MODE_RESULTS = { [0] = "accepted", [1] = "invalid", [2] = "unsupported or not queued" }
+local FORCES = {
+  { "residual_torque", "residual torque", "Nm" },
+  { "requested_current", "requested current", "A" },
+  { "output_current", "output current", "A" },
+  { "measured_current", "measured current", "A" },
+}
+local INHIBIT = {
+  [0] = "not in teleoperation",
+  [2] = "link or sample older than 30 ms",
+  [3] = "hardware fault",
+  [4] = "unsupported",
+}
+
 local ling_fields = {
   command = ProtoField.uint8("ling.command", "Command", base.HEX),
   func = ProtoField.uint8("ling.function", "Function", base.HEX),
@@ -282,6 +298,19 @@ local ling_fields = {
   serial = ProtoField.string("ling.serial", "Serial number"),
   hardware = ProtoField.string("ling.hardware", "Hardware version"),
   firmware = ProtoField.string("ling.firmware", "Firmware version"),
+  mode = ProtoField.uint8("ling.mode", "Control mode", nil, MODES),
+  mode_result = ProtoField.uint8("ling.mode.result", "Result of the requested mode", nil, MODE_RESULTS),
+  blocked = ProtoField.uint8("ling.mode.blocked", "Blocked joints", base.HEX),
+  valid = ProtoField.uint8("ling.mode.valid", "Joints with valid values", base.HEX),
+  feedback_requested = ProtoField.bool("ling.force_feedback.requested", "Force feedback is requested"),
+  feedback_effective = ProtoField.bool("ling.force_feedback.effective", "Force feedback is effective"),
+  feedback_inhibit = ProtoField.uint8("ling.force_feedback.inhibit", "Reasons against force feedback", base.HEX),
+  feedback_sync = ProtoField.bool("ling.force_feedback.sync", "Synchronization is active"),
+  feedback_torque = ProtoField.bool("ling.force_feedback.torque", "Torque is on"),
+  feedback_torque_requested = ProtoField.bool("ling.force_feedback.torque_requested", "Torque is requested"),
+  feedback_transition = ProtoField.uint8("ling.force_feedback.transition", "Transition (diagnostic)"),
+  feedback_grip = ProtoField.uint8("ling.force_feedback.grip", "Grip (raw, diagnostic)"),
+  feedback_mode = ProtoField.uint8("ling.force_feedback.requested_mode", "Requested mode (diagnostic)"),
   older_gripper = ProtoField.uint16("ling.older.gripper", "Gripper's servo (raw)"),
   potentiometer = ProtoField.uint16("ling.older.potentiometer", "Potentiometer (raw)"),
   sync_button = ProtoField.uint8("ling.older.sync_button", "Sync button"),
@@ -308,6 +337,13 @@ end)
 each(ling_fields, 9, "servo", function(n)
   return ProtoField.uint16("ling.servo" .. n .. ".ticks", "Servo " .. n .. " (ticks)")
 end)
+
+for _, force in ipairs(FORCES) do
+  each(ling_fields, JOINTS, force[1], function(n)
+    local label = "Joint " .. n .. " " .. force[2] .. " (" .. force[3] .. ")"
+    return ProtoField.double("ling.joint" .. n .. "." .. force[1], label)
+  end)
+end
 
 local xor = (_G.bit or _G.bit32 or {}).bxor or load("return function(a, b) return a ~ b end")()
 
@@ -480,6 +516,90 @@ local function self_check(data, tree)
   return "self-check: servos not normal: " .. table.concat(faulty, ", ") .. hint
 end
 
+local function set_mode(data, tree)
+  local mode = data.len == 1 and MODES[data:byte(0)]
+  if not mode then return nil end
+  tree:add(ling_fields.mode, data:range(0, 1), data:byte(0))
+  return "set control mode " .. mode
+end
+
+local function force_feedback_request(data)
+  local texts = { [0] = "force feedback off", [1] = "force feedback on", [0xFE] = "read force feedback" }
+  return data.len == 1 and texts[data:byte(0)] or nil
+end
+
+local function mode_reply(data, tree)
+  if data.len ~= 3 or data:byte(0) ~= 1 then return nil end
+  local mode, result = data:byte(1), MODE_RESULTS[data:byte(2)]
+  if not result then return nil end
+  tree:add(ling_fields.mode, data:range(1, 1), mode)
+  tree:add(ling_fields.mode_result, data:range(2, 1), data:byte(2))
+  return string.format("requested mode: %s, result: %s", MODES[mode] or string.format("0x%02x", mode), result)
+end
+
+-- The numbers of the joints in a mask.
+local function joint_numbers(mask)
+  local numbers = bits(mask, 8, true)
+  return #numbers > 0 and table.concat(numbers, " ") or "none"
+end
+
+local function mode_state(data, tree)
+  if data.len ~= 4 + 8 * JOINTS or data:byte(0) ~= 1 then return nil end
+  local mode = MODES[data:byte(1)]
+  if not mode then return nil end
+  tree:add(ling_fields.mode, data:range(1, 1), data:byte(1))
+  tree:add(ling_fields.blocked, data:range(2, 1), data:byte(2))
+  tree:add(ling_fields.valid, data:range(3, 1), data:byte(3))
+  local blocked, valid = joint_numbers(data:byte(2)), joint_numbers(data:byte(3))
+  local text = string.format("mode: %s, blocked: %s, valid: %s", mode, blocked, valid)
+  for place, force in ipairs(FORCES) do
+    local values = list(JOINTS, function(nth)
+      local at = 4 + 8 * (nth - 1) + 2 * (place - 1)
+      local value = (data:le16(at) + 0x8000) % 0x10000 - 0x8000
+      tree:add(ling_fields[force[1] .. nth], data:range(at, 2), value / 1000)
+      local sign, size = value < 0 and "-" or "", math.abs(value)
+      return string.format("%s%d.%03d", sign, math.floor(size / 1000), size % 1000)
+    end)
+    text = string.format("%s, %ss: %s %s", text, force[2], values, force[3])
+  end
+  return text
+end
+
+-- The reasons against force feedback.
+local function inhibition(mask)
+  local reasons, rest = {}, mask
+  for nth = 0, 4 do
+    if INHIBIT[nth] and bit(mask, nth) then
+      reasons[#reasons + 1] = INHIBIT[nth]
+      rest = rest - math.floor(2 ^ nth)
+    end
+  end
+  if rest > 0 then reasons[#reasons + 1] = string.format("unknown 0x%02x", rest) end
+  return #reasons > 0 and table.concat(reasons, "; ") or "none"
+end
+
+local function force_feedback(data, tree)
+  if data.len ~= 10 or data:byte(0) ~= 2 then return nil end
+  for _, at in ipairs({ 1, 2, 4, 5, 6 }) do
+    if data:byte(at) > 1 then return nil end
+  end
+  local function switch(name, at)
+    tree:add(ling_fields["feedback_" .. name], data:range(at, 1), data:byte(at) == 1)
+    return data:byte(at) == 1 and "on" or "off"
+  end
+  local function add(name, at)
+    tree:add(ling_fields["feedback_" .. name], data:range(at, 1), data:byte(at))
+    return data:byte(at)
+  end
+  local requested, effective = switch("requested", 1), switch("effective", 2)
+  local inhibit, sync = inhibition(add("inhibit", 3)), switch("sync", 4)
+  local torque, torque_requested = switch("torque", 5), switch("torque_requested", 6)
+  local text = "requested: %s, effective: %s, inhibit: %s, sync: %s, torque: %s, requested torque: %s, "
+  text = string.format(text, requested, effective, inhibit, sync, torque, torque_requested)
+  local transition, grip, mode = add("transition", 7), add("grip", 8), add("mode", 9)
+  return text .. string.format("transition: %d, raw grip: %d, requested mode: %d", transition, grip, mode)
+end
+
 -- Messages by command * 256 + function. Each takes the data, the tree and the number of all data bytes, and returns the
 -- meaning, or nothing for data of another length or value.
 local LING = {
@@ -491,28 +611,44 @@ local LING = {
     [0x0402] = set_stroke(100),
     [0x040E] = no_value("read gripper stroke"),
     [0x0500] = set_torque,
+    [0x0501] = set_mode,
     [0x0600] = no_value("read joints"),
     [0x0601] = temperature,
     [0x0602] = no_value("read velocities"),
     [0x0603] = move,
+    [0x0620] = force_feedback_request,
+    [0x0624] = no_value("read control mode"),
     [0xFE00] = self_check_request,
   },
   [ARM] = {
     [0x0100] = information,
     [0x040E] = stroke,
+    [0x0501] = mode_reply,
     [0x0600] = joint_state,
     [0x0601] = temperatures,
     [0x0602] = velocities,
+    [0x0620] = force_feedback,
+    [0x0624] = mode_state,
     [0xFE00] = self_check,
   },
   [UNKNOWN] = {},
+}
+
+local LENGTHS = {
+  [0x0100] = 24,
+  [0x040E] = 1,
+  [0x0501] = 3,
+  [0x0600] = 2 * JOINTS + 3,
+  [0x0620] = 10,
+  [0x0624] = 4 + 8 * JOINTS,
+  [0xFE00] = 2,
 }
 
 -- The length of the documented fields in an answer of `len` bytes. Arms may send more.
 local function documented_length(key, len)
   if key == 0x0601 then return len < FOLLOWER and LEADER or FOLLOWER end
   if key == 0x0602 then return 2 * (len < 2 * FOLLOWER and LEADER or FOLLOWER) end
-  return ({ [0x0100] = 24, [0x040E] = 1, [0x0600] = 2 * JOINTS + 3, [0xFE00] = 2 })[key] or len
+  return LENGTHS[key] or len
 end
 
 -- The older generation: AA, command, length, data, parity, FF. It only sends. Nine servos move six joints.

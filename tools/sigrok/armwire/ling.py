@@ -32,6 +32,46 @@ STATUS = {
 }
 
 
+# A force-feedback leader: its modes, verdicts, torques and currents.
+MODES = {0: "position", 1: "current"}
+MODE_RESULTS = ("accepted", "invalid", "unsupported or not queued")
+MODE_STATE = 52
+FORCES = (
+    ("residual torque", "Nm"),
+    ("requested current", "A"),
+    ("output current", "A"),
+    ("measured current", "A"),
+)
+INHIBIT = (
+    (0x01, "not in teleoperation"),
+    (0x04, "link or sample older than 30 ms"),
+    (0x08, "hardware fault"),
+    (0x10, "unsupported"),
+)
+SWITCH = {0: "off", 1: "on"}
+FEEDBACK = (
+    ("requested", "switch"),
+    ("effective", "switch"),
+    ("inhibit", "mask"),
+    ("sync", "switch"),
+    ("torque", "switch"),
+    ("requested torque", "switch"),
+    ("transition", "number"),
+    ("raw grip", "number"),
+    ("requested mode", "number"),
+)
+# The lengths of the documented fields in answers.
+LENGTHS = {
+    (0x01, 0x00): 24,
+    (0x04, 0x0E): 1,
+    (0x05, 0x01): 3,
+    (0x06, 0x00): 15,
+    (0x06, 0x20): 10,
+    (0x06, 0x24): MODE_STATE,
+    (0xFE, 0x00): 2,
+}
+
+
 def checksum(body):
     """Return the low byte of CRC-32/ISO-HDLC."""
     return zlib.crc32(body) & 0xFF
@@ -112,6 +152,18 @@ def self_check_request(data):
     return "self-check" if data.bytes in (b"", NO_VALUE) else None
 
 
+def set_mode(data):
+    """Return the meaning of a change of the control mode."""
+    mode = MODES.get(data.bytes[0]) if len(data.bytes) == 1 else None
+    return "set control mode " + mode if mode else None
+
+
+def force_feedback_request(data):
+    """Return the meaning of a switch or a read of the force feedback."""
+    texts = {b"\x00": "force feedback off", b"\x01": "force feedback on", NO_VALUE: "read force feedback"}
+    return texts.get(data.bytes)
+
+
 # Answers.
 
 
@@ -181,6 +233,69 @@ def self_check(data):
     return "self-check: servos not normal: {}{}".format(", ".join(map(str, faulty)), hint)
 
 
+# Answers of a force-feedback leader, from the vendor's candidate document. The first byte is a version.
+
+
+def mode_reply(data):
+    """Return the verdict on a requested mode."""
+    if len(data.bytes) != 3 or data.bytes[0] != 1 or data.bytes[2] >= len(MODE_RESULTS):
+        return None
+    mode, result = MODES.get(data.bytes[1], "0x{:02x}".format(data.bytes[1])), MODE_RESULTS[data.bytes[2]]
+    data.note(1, 1, "requested mode: " + mode)
+    data.note(2, 1, "result: " + result)
+    return "requested mode: {}, result: {}".format(mode, result)
+
+
+def joint_numbers(mask):
+    """Return the numbers of the joints in a mask."""
+    return " ".join(str(nth + 1) for nth in range(8) if mask >> nth & 1) or "none"
+
+
+def thousandths(value):
+    """Return a value in thousandths as text."""
+    return "{}{}.{:03}".format("-" if value < 0 else "", abs(value) // 1000, abs(value) % 1000)
+
+
+def mode_state(data):
+    """Return the applied mode, the torques and the currents."""
+    if len(data.bytes) != MODE_STATE or data.bytes[0] != 1 or data.bytes[1] not in MODES:
+        return None
+    mode, blocked, valid = MODES[data.bytes[1]], joint_numbers(data.bytes[2]), joint_numbers(data.bytes[3])
+    texts = ["mode: " + mode, "blocked: " + blocked, "valid: " + valid]
+    for at, text in enumerate(texts, 1):
+        data.note(at, 1, text)
+    for place, (name, unit) in enumerate(FORCES):
+        values = []
+        for joint in range(JOINTS):
+            at = 4 + 8 * joint + 2 * place
+            values.append(thousandths((data.le16(at) + 0x8000) % 0x10000 - 0x8000))
+            data.note(at, 2, "joint {} {}: {} {}".format(joint + 1, name, values[-1], unit))
+        texts.append("{}s: {} {}".format(name, " ".join(values), unit))
+    return ", ".join(texts)
+
+
+def inhibition(mask):
+    """Return the reasons in a mask."""
+    reasons = [reason for bit, reason in INHIBIT if mask & bit]
+    rest = mask & ~sum(bit for bit, _ in INHIBIT)
+    return "; ".join(reasons + ["unknown 0x{:02x}".format(rest)] * (rest > 0)) or "none"
+
+
+def force_feedback(data):
+    """Return the state of the force feedback."""
+    if len(data.bytes) != len(FEEDBACK) + 1 or data.bytes[0] != 2:
+        return None
+    texts = []
+    for at, (name, meaning) in enumerate(FEEDBACK, 1):
+        value = {"switch": SWITCH.get, "mask": inhibition, "number": str}[meaning](data.bytes[at])
+        if value is None:
+            return None
+        texts.append("{}: {}".format(name, value))
+    for at, text in enumerate(texts, 1):
+        data.note(at, 1, text)
+    return ", ".join(texts)
+
+
 # Messages of each line by command and function.
 MESSAGES = {
     TX: {
@@ -194,7 +309,10 @@ MESSAGES = {
         (0x06, 0x00): no_value("read joints"),
         (0x06, 0x01): temperature,
         (0x06, 0x02): no_value("read velocities"),
+        (0x05, 0x01): set_mode,
         (0x06, 0x03): move,
+        (0x06, 0x20): force_feedback_request,
+        (0x06, 0x24): no_value("read control mode"),
         (0xFE, 0x00): self_check_request,
     },
     RX: {
@@ -202,7 +320,10 @@ MESSAGES = {
         (0x04, 0x0E): stroke,
         (0x06, 0x00): joint_state,
         (0x06, 0x01): temperatures,
+        (0x05, 0x01): mode_reply,
         (0x06, 0x02): velocities,
+        (0x06, 0x20): force_feedback,
+        (0x06, 0x24): mode_state,
         (0xFE, 0x00): self_check,
     },
 }
@@ -214,7 +335,7 @@ def documented_length(key, length):
         return LEADER if length < FOLLOWER else FOLLOWER
     if key == (0x06, 0x02):
         return 2 * (LEADER if length < 2 * FOLLOWER else FOLLOWER)
-    return {(0x01, 0x00): 24, (0x04, 0x0E): 1, (0x06, 0x00): 15, (0xFE, 0x00): 2}.get(key, length)
+    return LENGTHS.get(key, length)
 
 
 # The older generation, which only sends. Nine servos move six joints.
