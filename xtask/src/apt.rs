@@ -8,7 +8,8 @@ use anyhow::{Result, ensure};
 use crate::installation::with_lock;
 use crate::process::{output, run};
 
-/// Installs the packages of these programs that are not on the path. Each program is followed by its package.
+/// Installs the packages of these programs that are not on the path. Each program is followed by its packages, with
+/// spaces between them.
 ///
 /// # Errors
 ///
@@ -17,7 +18,7 @@ pub(crate) fn require(programs: &[(&str, &str)]) -> Result<()> {
     let path = env::var_os("PATH").unwrap_or_default();
     let is_missing = |program: &str| !env::split_paths(&path).any(|folder| folder.join(program).is_file());
     let missing = programs.iter().filter(|(program, _)| is_missing(program));
-    let packages: Vec<_> = missing.map(|(_, package)| *package).collect();
+    let packages: Vec<_> = missing.flat_map(|(_, packages)| packages.split(' ')).collect();
     ensure!(
         packages.is_empty() || install(&packages)?,
         "programs are missing; run `sudo apt-get install --no-install-recommends {}`",

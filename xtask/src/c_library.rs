@@ -37,6 +37,10 @@ const SANITIZERS: &str = "-g -O1 -fsanitize=address,undefined -fno-sanitize-reco
 const EXCHANGES: &str = "20000";
 /// Steps of the random programs.
 const STEPS: &str = "1000000";
+/// Requests and steps where an emulator runs them.
+const FEW: &str = "2000";
+/// The requests with their effects, for a test.
+const EFFECTS: &str = "protocol/tests/effects.txt";
 
 /// The target whose sizes are printed.
 const SMALLEST: &str = "thumbv6m-none-eabi";
@@ -194,7 +198,7 @@ fn test(dir: &Path, armwire: &Path) -> Result<()> {
         match test {
             "device" => drop(program.arg(EXCHANGES)),
             "endings" | "misuse" => drop(program.arg(STEPS)),
-            "effects" => drop(program.arg(root().join("protocol/tests/effects.txt"))),
+            "effects" => drop(program.arg(root().join(EFFECTS))),
             _ => drop(program.arg(armwire)),
         }
         println!("{test}");
@@ -203,10 +207,33 @@ fn test(dir: &Path, armwire: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Compiles a test and returns the program.
+/// Runs the tests without a line for another system: this compiler makes the programs, and `command` starts each.
+///
+/// # Errors
+///
+/// The first test that fails, or does not compile.
+pub(crate) fn test_by(gcc: &str, library: &Path, dir: &Path, command: impl Fn(&Path) -> Command) -> Result<()> {
+    fs::create_dir_all(dir)?;
+    for test in ["device", "endings", "misuse", "effects"] {
+        let program = compile_by(gcc, dir, test, "", Some(library))?;
+        let mut program = command(&program);
+        match test {
+            "effects" => drop(program.arg(EFFECTS)),
+            _ => drop(program.arg(FEW)),
+        }
+        run(&mut program)?;
+    }
+    Ok(())
+}
+
+/// Compiles a test for this machine and returns the program.
 fn compile(dir: &Path, test: &str, options: &str, library: Option<&Path>) -> Result<PathBuf> {
+    compile_by("gcc", dir, test, options, library)
+}
+
+fn compile_by(gcc: &str, dir: &Path, test: &str, options: &str, library: Option<&Path>) -> Result<PathBuf> {
     let program = dir.join(test);
-    let mut compile = Command::new("gcc");
+    let mut compile = Command::new(gcc);
     compile.args(["-std=c99", "-Ic/include"]).args(WARNINGS.split(' '));
     compile.args(options.split_whitespace());
     compile.arg(format!("c/test/{test}.c"));

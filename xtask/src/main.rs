@@ -33,6 +33,7 @@ mod packages;
 mod parallel;
 mod performance;
 mod pico;
+mod platforms;
 mod process;
 mod program;
 mod python;
@@ -97,6 +98,8 @@ enum Command {
     Features,
     /// Lint for microcontrollers, Windows and macOS
     Targets,
+    /// Use the command and the libraries on other systems, by emulators
+    Platforms,
     /// Build the examples, and run the RP2040's on an emulated chip
     Examples,
     /// Run the Pico's image on an emulated chip
@@ -155,6 +158,7 @@ impl Command {
             Self::Deny => deny::run(),
             Self::Features => features::each(),
             Self::Targets => targets::check(),
+            Self::Platforms => platforms::check(),
             Self::Examples => examples::check(),
             Self::Pico(options) => pico::test(&options),
             Self::Boards => named_boards::test(),

@@ -1,9 +1,8 @@
 //! `cargo xtask packages`: the crates as they would be published, tested and used from their `.crate` files.
 
 use std::fs;
-use std::io::{BufRead, BufReader};
 use std::path::Path;
-use std::process::{Command, Stdio};
+use std::process::Command;
 
 use anyhow::{Context, Result, ensure};
 
@@ -11,6 +10,7 @@ use crate::cargo::{cargo, target_dir};
 use crate::files::empty_folder;
 use crate::process::run;
 use crate::readme;
+use crate::vendor::background::Background;
 use crate::workspace::root;
 
 /// The crates to publish.
@@ -168,15 +168,9 @@ fn move_virtual_arm(folder: &Path, text: &str) -> Result<()> {
     run(&mut in_folder("build --quiet", &user)?)?;
     let (arm, programs) = (folder.join("arm"), target_dir()?.join("debug"));
     let mut sim = Command::new(programs.join("armwire"));
-    sim.args(["sim", "ling", "--pty"]).arg(&arm).stdout(Stdio::piped());
-    let mut sim = sim.spawn().context("cannot run the packaged command")?;
-    // The first line of its output means that the arm is ready.
-    let output = sim.stdout.take().context("the command has no output")?;
-    BufReader::new(output).read_line(&mut String::new())?;
-    let moved = run(Command::new(programs.join("readme")).arg(arm));
-    sim.kill()?;
-    sim.wait()?;
-    moved
+    sim.args(["sim", "ling", "--pty"]).arg(&arm);
+    let _sim = Background::start_with_line(&mut sim)?;
+    run(Command::new(programs.join("readme")).arg(arm))
 }
 
 /// The section of a manifest that replaces the registry's crates by the unpacked ones.

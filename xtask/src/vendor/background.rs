@@ -1,11 +1,12 @@
 //! Programs in the background.
 
+use std::io::{BufRead, BufReader};
 use std::path::Path;
-use std::process::{Child, Command, ExitStatus};
+use std::process::{Child, Command, ExitStatus, Stdio};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 
 use crate::process::{cannot_run, run, shown};
 
@@ -25,6 +26,20 @@ impl Background {
         let name = shown(command);
         let child = command.spawn().with_context(|| cannot_run(command))?;
         Ok(Self { child, name })
+    }
+
+    /// Starts a command, and waits for the first line of its output: it is ready then.
+    ///
+    /// # Errors
+    ///
+    /// If it cannot be started, or ends without a line.
+    pub(crate) fn start_with_line(command: &mut Command) -> Result<(Self, String)> {
+        let mut started = Self::start(command.stdout(Stdio::piped()))?;
+        let mut line = String::new();
+        let output = started.child.stdout.take().context("the output is piped")?;
+        BufReader::new(output).read_line(&mut line)?;
+        ensure!(!line.is_empty(), "`{}` printed nothing", started.name);
+        Ok((started, line))
     }
 
     /// Waits until the process has created a file.

@@ -1,0 +1,111 @@
+//! `cargo xtask platforms`: the command, the libraries and tests on other systems than this one, by emulators.
+//!
+//! docs/platforms.md has a row for each.
+
+mod debian;
+mod emulator;
+mod trial;
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use anyhow::Result;
+
+use self::emulator::{Emulator, in_capitals};
+use crate::apt;
+use crate::c_library::{library_command, test_by};
+use crate::cargo::{cargo, target_dir};
+use crate::process::run;
+use crate::toolchain::cargo_for;
+
+/// Compilers for C, and Wine, with the packages that have them.
+const TOOLS: [(&str, &str); 4] = [
+    ("aarch64-linux-gnu-gcc", "gcc-aarch64-linux-gnu libc6-dev-arm64-cross"),
+    (
+        "arm-linux-gnueabihf-gcc",
+        "gcc-arm-linux-gnueabihf libc6-dev-armhf-cross",
+    ),
+    ("x86_64-w64-mingw32-gcc", "gcc-mingw-w64-x86-64-win32"),
+    ("wine", "wine wine64"),
+];
+/// The tests of the library for PCs on another processor: those of moving arms take minutes there.
+const HOST_TESTS: &str = "test --quiet --package armwire-host --lib --test ling --test reader";
+/// The unit tests on Windows.
+const WINDOWS_TESTS: &str =
+    "test --quiet --package armwire --package armwire-bridge --package armwire-host --package armwire-cli --lib";
+
+/// Another system.
+struct Platform {
+    target: &'static str,
+    /// The compiler for C, which links.
+    gcc: &'static str,
+    emulator: Emulator,
+}
+
+/// Uses the command on every system, the library for C under Linux, and runs tests.
+///
+/// # Errors
+///
+/// The first of them that fails.
+pub(crate) fn check() -> Result<()> {
+    apt::require(&TOOLS)?;
+    let folder = target_dir()?.join("platforms");
+    run(&mut cargo("build --quiet --package armwire-cli"))?;
+    let [aarch64, armv7, windows] = all(&folder)?;
+
+    for linux in [&aarch64, &armv7] {
+        trial::run_all(&linux.command()?, &linux.emulator, &folder)?;
+        linux.try_c_library(&folder)?;
+    }
+    run(&mut aarch64.cargo(HOST_TESTS)?)?;
+    trial::run_all(&windows.command()?, &windows.emulator, &folder)?;
+    run(&mut windows.cargo(WINDOWS_TESTS)?)
+}
+
+/// The systems, in the order of docs/platforms.md.
+fn all(folder: &Path) -> Result<[Platform; 3]> {
+    Ok([
+        Platform {
+            target: "aarch64-unknown-linux-gnu",
+            gcc: "aarch64-linux-gnu-gcc",
+            emulator: Emulator::qemu("aarch64", "/usr/aarch64-linux-gnu", folder)?,
+        },
+        Platform {
+            target: "armv7-unknown-linux-gnueabihf",
+            gcc: "arm-linux-gnueabihf-gcc",
+            emulator: Emulator::qemu("arm", "/usr/arm-linux-gnueabihf", folder)?,
+        },
+        Platform {
+            target: "x86_64-pc-windows-gnu",
+            gcc: "x86_64-w64-mingw32-gcc",
+            emulator: Emulator::wine(&folder.join("wine"))?,
+        },
+    ])
+}
+
+impl Platform {
+    /// Cargo for this system.
+    fn cargo(&self, words: &str) -> Result<Command> {
+        let mut cargo = cargo_for(self.target, words)?;
+        cargo.env(format!("CARGO_TARGET_{}_LINKER", in_capitals(self.target)), self.gcc);
+        self.emulator.add_to(&mut cargo, self.target);
+        Ok(cargo)
+    }
+
+    /// The command, built.
+    fn command(&self) -> Result<PathBuf> {
+        run(&mut self.cargo("build --quiet --package armwire-cli")?)?;
+        let is_windows = self.target.contains("windows");
+        let name = if is_windows { "armwire.exe" } else { "armwire" };
+        Ok(target_dir()?.join(self.target).join("debug").join(name))
+    }
+
+    /// Links the library for C with tests of it, and runs them.
+    fn try_c_library(&self, folder: &Path) -> Result<()> {
+        run(&mut self.cargo(&library_command(""))?)?;
+        let library = target_dir()?.join(self.target).join("c/libarmwire_c.a");
+        test_by(self.gcc, &library, &folder.join(self.target), |program| {
+            self.emulator.command(program)
+        })
+    }
+}
