@@ -19,12 +19,13 @@ use crate::{
 const HOST: &str = "--workspace --exclude armwire-firmware";
 /// Commands that mostly build, in directories of their own. One at a time they would leave a core idle for half of the
 /// time: only one core links an image.
-const BUILDS: [&str; 9] = [
+const BUILDS: [&str; 10] = [
     "deny",
     "examples",
     "targets",
     "fw --board stm32g431",
     "coverage",
+    "platforms",
     "features",
     "fw --defmt --board stm32g431",
     "no-panic",

@@ -1,4 +1,5 @@
-//! `cargo xtask targets`: clippy, and therefore the type check, for other targets than this host. Nothing is linked or run.
+//! `cargo xtask targets`: clippy, and therefore the type check, for other targets than this host. Nothing is linked or run:
+//! `cargo xtask platforms` runs what an emulator runs.
 
 use anyhow::Result;
 
@@ -59,7 +60,7 @@ fn other_systems() -> Result<()> {
     }
     OTHER_SYSTEMS.into_iter().try_for_each(|target| {
         process::run(&mut cargo(&format!(
-            "clippy {PORTABLE} --lib --bins --target {target} -- -D warnings"
+            "clippy {PORTABLE} --lib --bins --tests --target {target} -- -D warnings"
         )))
     })
 }
