@@ -4,7 +4,7 @@
 //! messages.
 
 use super::JOINTS;
-use super::message::{put_words, words};
+use super::frame::{put_words, words};
 use crate::OutOfRange;
 use crate::error::Cause;
 

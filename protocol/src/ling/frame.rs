@@ -203,3 +203,19 @@ impl Framing for Ling {
 
     fn unsolicited(&self) {}
 }
+
+/// Decodes a known number of little-endian words.
+pub(super) fn words<const N: usize>(data: &[u8]) -> [u16; N] {
+    let mut words = [0; N];
+    for (word, bytes) in words.iter_mut().zip(data.as_chunks().0) {
+        *word = u16::from_le_bytes(*bytes);
+    }
+    words
+}
+
+/// Writes words little-endian.
+pub(super) fn put_words(data: &mut [u8], words: &[u16]) {
+    for (bytes, word) in data.as_chunks_mut().0.iter_mut().zip(words) {
+        *bytes = word.to_le_bytes();
+    }
+}

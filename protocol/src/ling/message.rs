@@ -1,7 +1,7 @@
 //! The messages of the Ling document, section 2, and their encoding.
 
 use super::force_feedback::{ControlMode, ForceFeedback, ModeReply, ModeState};
-use super::frame::{ERROR, NO_VALUE};
+use super::frame::{ERROR, NO_VALUE, put_words, words};
 use super::value::{
     JOINTS, MotionStatus, Opening, PerServo, Position, SelfCheck, SerialNumber, Speed, Stroke, TemperatureLimit,
     Version,
@@ -263,22 +263,6 @@ fn check_no_value(data: &[u8]) -> Result<(), Cause> {
     match *sized(data, &[1])? {
         [NO_VALUE] => Ok(()),
         [got] => Err(Cause::byte(0, &[NO_VALUE], got)),
-    }
-}
-
-/// Decodes a known number of little-endian words.
-pub(super) fn words<const N: usize>(data: &[u8]) -> [u16; N] {
-    let mut words = [0; N];
-    for (word, bytes) in words.iter_mut().zip(data.as_chunks().0) {
-        *word = u16::from_le_bytes(*bytes);
-    }
-    words
-}
-
-/// Writes words little-endian.
-pub(super) fn put_words(data: &mut [u8], words: &[u16]) {
-    for (bytes, word) in data.as_chunks_mut().0.iter_mut().zip(words) {
-        *bytes = word.to_le_bytes();
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::{Frame, Legacy};
 use crate::error::{Cause, MessageId, ParseError, sized};
-use crate::ling::message::{put_words, words};
+use crate::ling::frame::{put_words, words};
 use crate::ling::{JOINTS, Position};
 use crate::messages::Messages;
 use crate::{BufferTooShort, OutOfRange};
