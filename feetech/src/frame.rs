@@ -26,7 +26,7 @@ pub const BROADCAST: u8 = 0xFE;
 const HEADER: u8 = 0xFF;
 
 /// The number of bytes that LEN does not count.
-pub(crate) const OVERHEAD: usize = 4;
+const OVERHEAD: usize = 4;
 
 /// The range of LEN.
 const LEN: RangeInclusive<u8> = 2..=(MAX_FRAME - OVERHEAD) as u8;
@@ -64,6 +64,8 @@ pub enum Expect {
 }
 
 impl Framing for Feetech {
+    // A packet ends with its checksum: zeros may complete a cut one.
+    const VOID: Option<usize> = None;
     type Expect = Expect;
 
     fn scan(&self, window: &[u8], expect: Expect) -> Scan {

@@ -1,10 +1,11 @@
 //! Requests and answers.
 
+use armwire::framing::write;
 use armwire::messages::Messages;
 use armwire::{BufferTooShort, Cause, EncodeError, MessageId, OutOfRange, ParseError};
 
-use crate::frame::{OVERHEAD, code};
-use crate::{BROADCAST, Expect, Feetech, Key, MAX_FRAME, checksum};
+use crate::frame::code;
+use crate::{BROADCAST, Expect, Feetech, Key, MAX_FRAME};
 
 /// The highest id of a servo.
 pub const MAX_ID: u8 = 253;
@@ -82,22 +83,18 @@ pub struct Status<'a> {
 }
 
 /// The most data bytes of a packet.
-const MAX_DATA: usize = MAX_FRAME - OVERHEAD - 2;
+const MAX_DATA: u16 = MAX_FRAME as u16 - 6;
 
 /// Writes a packet.
 fn put(out: &mut [u8], id: u8, code: u8, data: impl Iterator<Item = u8> + Clone) -> Result<usize, BufferTooShort> {
-    let (needed, got) = (OVERHEAD + 2 + data.clone().count(), out.len());
-    // A packet that no length byte can state has no error of its own.
-    let out = out.get_mut(..needed).filter(|_| needed <= MAX_FRAME);
-    let out = out.ok_or(BufferTooShort { needed, got })?;
-    let bytes = [0xFF, 0xFF, id, (needed - OVERHEAD) as u8, code]
+    // No length byte states a longer packet.
+    let most = out.len().min(MAX_FRAME);
+    let out = out.get_mut(..most).unwrap_or_default();
+    let covered = [id, (data.clone().count() as u8).wrapping_add(2), code]
         .into_iter()
         .chain(data);
-    out.iter_mut().zip(bytes).for_each(|(to, byte)| *to = byte);
-    if let [_, _, covered @ .., last] = out {
-        *last = checksum(covered);
-    }
-    Ok(needed)
+    let check = !covered.clone().fold(0, |sum: u8, byte| sum.wrapping_add(byte));
+    write(out, [0xFF, 0xFF].into_iter().chain(covered).chain([check]))
 }
 
 /// Returns true if the data of a SYNC_WRITE is an id and `len` bytes for each servo.
@@ -107,10 +104,9 @@ fn is_for_each(len: u8, data: &[u8]) -> bool {
 
 /// The id, the code and the data of a packet.
 fn split(frame: &[u8]) -> Result<(u8, u8, &[u8]), ParseError> {
-    let (message, cause) = (MessageId::None, Cause::Unknown);
     match *frame {
         [_, _, id, _, code, ref data @ .., _] => Ok((id, code, data)),
-        _ => Err(ParseError { message, cause }),
+        _ => Err(ParseError::NO_FRAME),
     }
 }
 
@@ -128,18 +124,23 @@ fn refusal(code: u8, got: usize) -> ParseError {
 impl Messages for Feetech {
     type Request<'a> = Request<'a>;
     type Response<'a> = Status<'a>;
+
     type EncodeError = EncodeError;
 
     /// # Errors
     ///
-    /// [`EncodeError::OutOfRange`] for more data than a packet of [`MAX_FRAME`] bytes has.
+    /// [`EncodeError`] also for an id above [`BROADCAST`], and for a packet of more than [`MAX_FRAME`] bytes.
     fn encode_request(&self, request: &Request<'_>, out: &mut [u8]) -> Result<usize, EncodeError> {
         let (_, code, id, head, rest) = request.parts();
         let data = head.into_iter().flatten().chain(rest.iter().copied());
-        let got = data.clone().count();
-        if got > MAX_DATA {
-            let got = u16::try_from(got).unwrap_or(u16::MAX);
-            return Err(OutOfRange::new("data", "bytes", got, 0, MAX_DATA as u16).into());
+        let len = u16::try_from(data.clone().count()).unwrap_or(u16::MAX);
+        for (what, unit, got, max) in [
+            ("id", "", id.into(), BROADCAST.into()),
+            ("data", "bytes", len, MAX_DATA),
+        ] {
+            if got > max {
+                return Err(OutOfRange::new(what, unit, got, 0, max).into());
+            }
         }
         Ok(put(out, id, code, data)?)
     }

@@ -154,7 +154,7 @@ fn wrong_requests_are_refused_with_their_cause() {
 }
 
 #[test]
-fn packet_longer_than_its_length_byte_is_not_written() {
+fn packet_that_no_byte_can_state_is_not_written() {
     let data = [0; 300];
     for (len, fits) in [(MAX_FRAME - 7, true), (MAX_FRAME - 6, false), (260, false)] {
         let (id, address, data) = (1, 0, &data[..len]);
@@ -166,6 +166,13 @@ fn packet_longer_than_its_length_byte_is_not_written() {
             let text = "data is 261 bytes, must be 0..=244";
             assert_eq!(written.unwrap_err().to_string(), text);
         }
+    }
+    let error = Feetech::default().encode_request(&Request::Ping { id: 255 }, &mut [0; 9]);
+    assert_eq!(error.unwrap_err().to_string(), "id is 255, must be 0..=254");
+    for len in [245, 254, 255, 300] {
+        let (id, error, data) = (1, 0, &data[..len]);
+        let written = Feetech::default().encode_response(&Status { id, error, data }, None, &mut [0; 400]);
+        assert!(written.is_err(), "{len}");
     }
     let error = Feetech::default().encode_request(&Request::Ping { id: 1 }, &mut [0; 5]);
     assert_eq!(
