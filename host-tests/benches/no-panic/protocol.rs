@@ -38,6 +38,7 @@ pub(crate) fn call_all<M: Messages + Copy, const N: usize>(
     if let Some(key) = key {
         black_box(messages.is_response_to(key, out));
     }
+    black_box((messages.is_request(out), messages.echoes()));
 }
 
 /// Calls the layers that need no messages.

@@ -19,8 +19,8 @@ pub(crate) const CASES: [&str; 4] = [
 /// and client. The limits are 5 % to 10 % above the measurements.
 pub(crate) const PROTOCOLS: [(&str, [u64; 4], usize); 3] = [
     ("Ling", [310, 1460, 136, 1880], 15_600),
-    ("xArm", [175, 1620, 75, 1740], 11_000),
-    ("Alpha1", [275, 1480, 44, 1910], 15_600),
+    ("xArm", [175, 1620, 75, 1560], 9_700),
+    ("Alpha1", [275, 1480, 44, 1820], 13_600),
 ];
 
 /// Maximum stack of a case, in bytes. It includes the answer to a call, up to 264 bytes for an xArm.
