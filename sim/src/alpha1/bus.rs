@@ -1,7 +1,6 @@
 //! Virtual servos on a bus without a robot.
 
-use armwire::alpha1::{Alpha1, Request, ServoId};
-use armwire::messages::Messages;
+use armwire::alpha1::{Request, ServoId};
 use armwire::time::{Duration, Instant};
 
 use super::SERVOS;
@@ -93,13 +92,10 @@ impl ServoBus {
     }
 
     fn process_requests(&mut self, now: Instant) {
-        while let Some(frame) = self.port.next_request() {
-            let answer = match Alpha1.parse_request(&frame) {
-                Ok(Request::Servo(request)) => self.chain.execute(now, &request),
-                _ => None,
-            };
-            self.port.reply(now, &frame, answer);
-        }
+        self.port.answer(now, |request| match request {
+            Request::Servo(request) => self.chain.execute(now, request),
+            _ => None,
+        });
     }
 
     fn advance(&mut self, now: Instant) {

@@ -2,9 +2,9 @@
 
 use std::collections::VecDeque;
 
-use armwire::alpha1::{Alpha1, Expect, MAX_FRAME, Outcome, hid};
+use armwire::alpha1::{Alpha1, Expect, MAX_FRAME, Request, hid};
 use armwire::correlation::Correlation;
-use armwire::decoder::{Decoder, Kind as ItemKind};
+use armwire::decoder::{Decoder, Item, Kind as ItemKind};
 use armwire::messages::Messages;
 use armwire::time::{Duration, Instant};
 
@@ -87,35 +87,27 @@ impl Port {
         self.idle_at.take_if(|idle_at| *idle_at <= now)
     }
 
-    /// Returns the frame of the next request. Call it until it returns `None`.
-    pub(super) fn next_request(&mut self) -> Option<Vec<u8>> {
-        loop {
-            let item = self.decoder.next(&Alpha1, Expect::Requests)?;
-            match item.kind {
-                ItemKind::Frame if Alpha1.parse_request(item.bytes).is_ok() => {
+    /// Passes each request received at `now` to `execute`, and queues its answer, if there is one.
+    pub(super) fn answer(&mut self, now: Instant, mut execute: impl FnMut(&Request<'_>) -> Option<Vec<u8>>) {
+        while let Some(Item { kind, bytes, .. }) = self.decoder.next(&Alpha1, Expect::Requests) {
+            match (kind, Alpha1.parse_request(bytes)) {
+                (ItemKind::Frame, Ok(request)) => {
                     self.counters.requests += 1;
-                    return Some(item.bytes.to_vec());
+                    let is_answered = Alpha1.request(bytes).is_some_and(|info| info.response.is_some());
+                    match execute(&request) {
+                        Some(answer) => self.reply(now, answer),
+                        None => self.counters.refused += u64::from(is_answered),
+                    }
                 }
-                ItemKind::Frame => self.counters.unknown += 1,
-                ItemKind::Noise(_) | ItemKind::Broken(_) => self.counters.noise_bytes += item.bytes.len() as u64,
-                ItemKind::Padding => {}
+                (ItemKind::Frame, Err(_)) => self.counters.unknown += 1,
+                (ItemKind::Noise(_) | ItemKind::Broken(_), _) => self.counters.noise_bytes += bytes.len() as u64,
+                (ItemKind::Padding, _) => {}
             }
         }
     }
 
-    /// Returns the outcome for an answer, and counts refusals.
-    pub(super) fn outcome(&mut self, accepted: bool) -> Outcome {
-        self.counters.refused += u64::from(!accepted);
-        if accepted { Outcome::Success } else { Outcome::Failure }
-    }
-
-    /// Queues the answer to a request received at `now`, if there is one.
-    pub(super) fn reply(&mut self, now: Instant, request: &[u8], answer: Option<Vec<u8>>) {
-        let Some(mut bytes) = answer else {
-            let answered = Alpha1.request(request).is_some_and(|info| info.response.is_some());
-            self.counters.refused += u64::from(answered);
-            return;
-        };
+    /// Queues an answer to a request received at `now`.
+    fn reply(&mut self, now: Instant, mut bytes: Vec<u8>) {
         if self.replies.len() == MAX_REPLIES {
             self.counters.overrun += 1;
             return;

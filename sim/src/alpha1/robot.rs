@@ -17,10 +17,9 @@
 use std::slice;
 
 use armwire::alpha1::{
-    Action, Alpha1, FirmwareVersion, OLDEST_FIRMWARE, OffsetTool, Outcome, Request, Response, ServoId, ServoStates,
-    Text, UsbType,
+    Action, FirmwareVersion, OLDEST_FIRMWARE, OffsetTool, Outcome, Request, Response, ServoId, ServoStates, Text,
+    UsbType,
 };
-use armwire::messages::Messages;
 use armwire::time::{Duration, Instant};
 
 use super::SERVOS;
@@ -107,8 +106,14 @@ struct Playing {
 /// ```
 #[derive(Debug)]
 pub struct Alpha1Robot {
-    config: RobotConfig,
     port: Port,
+    controller: Controller,
+}
+
+/// The robot behind its port.
+#[derive(Debug)]
+struct Controller {
+    config: RobotConfig,
     chain: Chain,
     playing: Option<Playing>,
     /// Earliest time of the next debug action.
@@ -116,6 +121,8 @@ pub struct Alpha1Robot {
     offset_tool: OffsetTool,
     usb: UsbType,
     presence: Presence,
+    /// Number of requests that were answered with a failure.
+    refused: u64,
 }
 
 impl Alpha1Robot {
@@ -128,26 +135,27 @@ impl Alpha1Robot {
         Text::new(&config.hardware).expect("the hardware version has 254 bytes at most");
         let kind = if config.hid { Kind::Reports } else { Kind::Serial };
         let ids = (1..=SERVOS as u8).filter_map(|id| ServoId::new(id).ok());
-        let mut robot = Self {
-            port: Port::new(kind, config.turnaround, config.idle),
+        let port = Port::new(kind, config.turnaround, config.idle);
+        let mut controller = Controller {
             chain: Chain::new(ids),
             playing: None,
             taken_from: Instant::ZERO,
             offset_tool: OffsetTool::Disconnect,
             usb: if config.hid { UsbType::Hid } else { UsbType::SerialPort },
             presence: Presence::Here,
+            refused: 0,
             config,
         };
-        for (servo, angle) in robot.chain.servos_mut().iter_mut().zip(STANDING) {
+        for (servo, angle) in controller.chain.servos_mut().iter_mut().zip(STANDING) {
             servo.go(Instant::ZERO, angle, Duration::ZERO, Duration::ZERO);
         }
-        robot
+        Self { port, controller }
     }
 
     /// Advances time, as [`receive`](SerialDevice::receive) and [`transmit`](SerialDevice::transmit) do. The methods
     /// below return the state at the last given time.
     pub fn advance(&mut self, now: Instant) {
-        let heard_until = match self.presence {
+        let heard_until = match self.controller.presence {
             Presence::Leaving(at) => at.min(now),
             Presence::Here | Presence::Gone => now,
         };
@@ -157,53 +165,53 @@ impl Alpha1Robot {
             self.port.idle();
             self.process_requests(idle_at);
         }
-        if let Presence::Leaving(at) = self.presence
+        if let Presence::Leaving(at) = self.controller.presence
             && at <= now
         {
-            self.presence = Presence::Gone;
+            self.controller.presence = Presence::Gone;
         }
-        self.play(now);
+        self.controller.play(now);
     }
 
     /// Returns the servos. Their order stays the same when ids change.
     pub fn servos(&self) -> &[Servo] {
-        self.chain.servos()
+        self.controller.chain.servos()
     }
 
     /// Returns the servos, to turn them by hand.
     pub fn servos_mut(&mut self) -> &mut [Servo] {
-        self.chain.servos_mut()
+        self.controller.chain.servos_mut()
     }
 
     /// Returns the name of the action in progress.
     pub fn playing(&self) -> Option<&'static str> {
-        self.playing.as_ref().map(|playing| playing.name)
+        self.controller.playing.as_ref().map(|playing| playing.name)
     }
 
     /// Returns the connection state of the servo offset tool.
     pub fn offset_tool(&self) -> OffsetTool {
-        self.offset_tool
+        self.controller.offset_tool
     }
 
     /// Returns the USB type set last.
     pub fn usb(&self) -> UsbType {
-        self.usb
+        self.controller.usb
     }
 
     /// Returns the receive and answer counters.
     pub fn counters(&self) -> Counters {
-        self.port.counters
+        let mut counters = self.port.counters;
+        counters.refused += self.controller.refused;
+        counters
     }
 
     fn process_requests(&mut self, now: Instant) {
-        self.play(now);
-        while let Some(frame) = self.port.next_request() {
-            let request = Alpha1.parse_request(&frame);
-            let answer = request.ok().and_then(|request| self.execute(now, &request));
-            self.port.reply(now, &frame, answer);
-        }
+        self.controller.play(now);
+        self.port.answer(now, |request| self.controller.execute(now, request));
     }
+}
 
+impl Controller {
     /// Executes a request and returns the answer, if it has one.
     fn execute(&mut self, now: Instant, request: &Request<'_>) -> Option<Vec<u8>> {
         let response = match *request {
@@ -222,11 +230,11 @@ impl Alpha1Robot {
             }
             Request::Act(action) => {
                 let accepted = self.act(now, &action);
-                Response::Acted(self.port.outcome(accepted))
+                Response::Acted(self.outcome(accepted))
             }
             Request::Play(name) => {
                 let accepted = self.start(now, name);
-                Response::Playing(self.port.outcome(accepted))
+                Response::Playing(self.outcome(accepted))
             }
             Request::SetOffsetTool(offset_tool) => {
                 self.offset_tool = offset_tool;
@@ -247,14 +255,20 @@ impl Alpha1Robot {
         Some(encode(&response))
     }
 
+    /// Returns the outcome for an answer, and counts refusals.
+    fn outcome(&mut self, accepted: bool) -> Outcome {
+        self.refused += u64::from(!accepted);
+        if accepted { Outcome::Success } else { Outcome::Failure }
+    }
+
     fn states(&self) -> ServoStates {
         let bit = |(i, servo): (usize, &Servo)| u32::from(servo.is_running()) << i;
-        ServoStates::from_bits(self.servos().iter().enumerate().map(bit).sum())
+        ServoStates::from_bits(self.chain.servos().iter().enumerate().map(bit).sum())
     }
 
     /// Starts a debug action. Returns true if it was accepted.
     fn act(&mut self, now: Instant, action: &Action) -> bool {
-        let mut moves = self.servos().iter().zip(action.angles);
+        let mut moves = self.chain.servos().iter().zip(action.angles);
         let can = moves.all(|(servo, angle)| angle.is_none_or(|angle| servo.can_go(angle)));
         if !can || now < self.taken_from {
             return false;
@@ -328,7 +342,7 @@ impl SerialDevice for Alpha1Robot {
     }
 
     fn poll_timeout(&self) -> Option<Instant> {
-        match self.presence {
+        match self.controller.presence {
             Presence::Here => self.port.poll_timeout(),
             Presence::Leaving(at) => Some(self.port.poll_timeout().map_or(at, |due| due.min(at))),
             Presence::Gone => None,
@@ -336,6 +350,6 @@ impl SerialDevice for Alpha1Robot {
     }
 
     fn is_gone(&self) -> bool {
-        self.presence == Presence::Gone
+        self.controller.presence == Presence::Gone
     }
 }
