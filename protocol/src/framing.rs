@@ -210,6 +210,8 @@ pub fn verify(window: &[u8], total: usize, uncovered: usize, checksum: impl Fn(&
 /// assert_eq!(out, [0x55, 1, 2, 0]);
 /// assert!(write(&mut out[..2], [0x55].into_iter().chain(data)).is_err());
 /// ```
+// Without it, a public generic function is compiled apart from its callers, which are larger then.
+#[inline]
 pub fn write(out: &mut [u8], bytes: impl Iterator<Item = u8> + Clone) -> Result<usize, BufferTooShort> {
     let (needed, got) = (bytes.clone().count(), out.len());
     let out = out.get_mut(..needed).ok_or(BufferTooShort { needed, got })?;
