@@ -108,10 +108,7 @@ fn check_text(message: &impl Display) {
 }
 
 /// Checks that a buffer one byte too short for a message of this length is refused.
-fn check_short_buffer<E: Into<EncodeError>>(
-    len: usize,
-    encode: impl Fn(&mut [u8]) -> core::result::Result<usize, E>,
-) {
+fn check_short_buffer<E: Into<EncodeError>>(len: usize, encode: impl Fn(&mut [u8]) -> core::result::Result<usize, E>) {
     let error = encode(&mut vec![0; len - 1]).expect_err("it is too short").into();
     let (needed, got) = (len, len - 1);
     assert_eq!(error, EncodeError::BufferTooShort(BufferTooShort { needed, got }));
