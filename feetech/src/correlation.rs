@@ -74,7 +74,10 @@ impl Correlation for Feetech {
             (code::PING, _) => read(id, 0),
             (code::READ, &[_, len]) => read(id, len),
             (code::SYNC_READ, &[_, len, first, ..]) => read(first, len),
-            (code::SYNC_WRITE, &[address, _, _, ref data @ ..]) => change(effect(address, data)),
+            // That of the first servo: behind its data are ids.
+            (code::SYNC_WRITE, &[address, len, _, ref data @ ..]) => {
+                change(effect(address, data.get(..len.into()).unwrap_or(data)))
+            }
             (code::WRITE, &[address, ref data @ ..]) => change(effect(address, data)),
             (code::ACTION, _) => change(Effect::Motion),
             (code::REBOOT, _) => change(Effect::Torque),

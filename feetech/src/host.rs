@@ -87,7 +87,9 @@ impl<const N: usize> Host<N> {
             return Ok(None);
         }
         let echo = if self.protocol.echoes { n } else { 0 };
-        let (offset, at) = (self.decoder.received() + echo as u64, now + self.on_wire(n));
+        // Behind the echoes of earlier requests, which may still be due.
+        let begun = self.decoder.received().max(self.behind_echo);
+        let (offset, at) = (begun + echo as u64, now + self.on_wire(n));
         for info in self.protocol.answers(frame) {
             let due = at + info.response.map_or(Duration::ZERO, |response| self.timeout(response));
             self.exchange.begin(info, info.key.id, Handover { offset, at, due });

@@ -135,6 +135,26 @@ fn echo_is_no_answer_even_if_it_looks_like_one() {
     }
 }
 
+/// Both are sent before the first byte comes back. A read of two registers is also the answer to itself.
+#[test]
+fn echo_behind_another_echo_is_no_answer() {
+    let mut bus = Bus::new(true);
+    let goals = Request::SyncWrite {
+        address: register::GOAL_POSITION.address,
+        len: 2,
+        data: &[1, 0, 8],
+    };
+    let read = Request::Read {
+        id: 1,
+        address: register::POSITION.address,
+        len: 2,
+    };
+    let line = [bus.send(goals).unwrap(), bus.send(read).unwrap()].concat();
+    let events = bus.receive(&line);
+    assert!(events.iter().all(|event| event.starts_with("echo")), "{events:?}");
+    assert_eq!(bus.receive(&answer(1, 0, &[0, 8])), ["answer 1"]);
+}
+
 #[test]
 fn writes_are_acknowledged_unless_stated_or_to_all() {
     let silent = Feetech {
@@ -177,7 +197,7 @@ fn effects_are_those_of_the_registers() {
         effect(Request::SyncWrite {
             address,
             len,
-            data: &[1, 0]
+            data: &[1, 0, 2, 0, 3, 0]
         }),
         Effect::Torque
     );

@@ -277,7 +277,7 @@ proptest! {
     }
 
     #[test]
-    fn every_frame_is_parsed_or_refused(id in any::<u8>(), code in any::<u8>(), data in vec(any::<u8>(), 0..244)) {
+    fn every_frame_is_parsed_or_refused(id in 0..=BROADCAST, code in any::<u8>(), data in vec(any::<u8>(), 0..244)) {
         let mut out = [0; MAX_FRAME];
         let n = Feetech::default().encode_response(&Status { id, error: code, data: &data }, None, &mut out).unwrap();
         let status = Feetech::default().parse_response(&out[..n], Expect::Responses).unwrap();
