@@ -2131,7 +2131,7 @@ ArmwireStatus armwire_ling_client_self_check(struct ArmwireLingClient *client);
 /**
  * Sets the control mode of a force-feedback leader: 0 position, 1 current. The torque may be switched: after a return
  * to position mode it is off. The answer says that the mode is accepted, not that it is applied: read the mode until
- * it is. No answer means that the arm is no such leader.
+ * it is. An arm that is no such leader does not answer.
  */
 ArmwireStatus armwire_ling_client_set_mode(struct ArmwireLingClient *client,
                                            uint8_t mode);

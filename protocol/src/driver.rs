@@ -180,7 +180,8 @@ impl Counters {
 ///
 /// **Dropping a call** before it is complete is allowed if the port's writes may be dropped too. An unstarted request
 /// is then never sent, and a partly written one is never executed: the next call makes the arm discard it, as
-/// [`Client`] describes, or writes its rest if it has no void. A written one is flushed by the next call, and a later answer to it satisfies no request.
+/// [`Client`] describes, or writes its rest if it has no void. A written one is flushed by the next call, and a later
+/// answer to it satisfies no request.
 ///
 /// **Timeouts** begin when the port has accepted the last byte. A flush does not extend them: an answer can be taken
 /// for the answer to a newer request if its own request left the port after [`Config::stale_window`].

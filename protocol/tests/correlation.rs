@@ -44,10 +44,10 @@ fn ling_requests_have_documented_effect_and_response() {
         ("self-check", Read, Some(30)),
         // In position mode again, the torque stays off.
         ("set position mode", Torque, Some(70)),
-        ("set current mode", Torque, Some(70)),
+        // The motors may push the joints: force feedback may have been requested before.
+        ("set current mode", Motion, Some(70)),
         ("read mode", Read, Some(70)),
         ("force feedback off", Torque, Some(70)),
-        // The motors push the joints.
         ("force feedback on", Motion, Some(70)),
         ("read force feedback", Read, Some(70)),
     ];

@@ -103,7 +103,7 @@ requests! {
 
     /// Sets the control mode of a force-feedback leader: 0 position, 1 current. The torque may be switched: after a return
     /// to position mode it is off. The answer says that the mode is accepted, not that it is applied: read the mode until
-    /// it is. No answer means that the arm is no such leader.
+    /// it is. An arm that is no such leader does not answer.
     armwire_ling_client_set_mode(mode: u8) => control_mode(mode).map(Request::SetMode);
 
     /// Reads the applied control mode and the currents of a force-feedback leader. No other arm answers.

@@ -545,7 +545,7 @@ impl fmt::Debug for Ling {
 mod tests {
     use std::sync::mpsc;
 
-    use armwire::ling::{Ling as Protocol, Response};
+    use armwire::ling::{ControlMode, Frame, JointForce, JointMask, Ling as Protocol, MAX_FRAME, ModeState, Response};
     use armwire::messages::Messages;
     use armwire_bridge::control::{self, FromAdapter, FromHost, Initiator, Reply};
 
@@ -627,6 +627,75 @@ mod tests {
 
     fn holding() -> Ling {
         ling(Box::new(Holding(false)))
+    }
+
+    /// A robot with two arms that answers for its control mode as a force-feedback leader.
+    struct TwoArms {
+        answer: Vec<u8>,
+        changes: mpsc::Sender<Request>,
+    }
+
+    impl Line for TwoArms {
+        fn name(&self) -> &str {
+            "fake"
+        }
+
+        fn read(&mut self, buf: &mut [u8], _: Duration) -> Result<usize, Error> {
+            let answer = std::mem::take(&mut self.answer);
+            buf[..answer.len()].copy_from_slice(&answer);
+            Ok(answer.len())
+        }
+
+        fn write(&mut self, bytes: &[u8]) -> Result<usize, Error> {
+            let mut out = [0; MAX_FRAME];
+            let n = match Protocol.parse_request(bytes).unwrap() {
+                Request::ReadMode => {
+                    let state = ModeState {
+                        mode: ControlMode::Position,
+                        blocked: JointMask(0),
+                        valid: JointMask(0),
+                        joints: [JointForce::default(); JOINTS],
+                    };
+                    Protocol
+                        .encode_response(&Response::Mode(state), None, &mut out)
+                        .unwrap()
+                }
+                Request::ReadJoints => {
+                    let (command, function, data) = (0x06, 0x00, &[0; 33][..]);
+                    Frame {
+                        command,
+                        function,
+                        data,
+                    }
+                    .encode(&mut out)
+                    .unwrap()
+                }
+                change => {
+                    self.changes.send(change).unwrap();
+                    0
+                }
+            };
+            self.answer.extend(&out[..n]);
+            Ok(bytes.len())
+        }
+
+        fn hint(&self, _: Reception, _: Names) -> Text {
+            Text::default()
+        }
+    }
+
+    #[test]
+    fn another_robot_gets_no_force_feedback() {
+        let (changes, sent) = mpsc::channel();
+        let answer = Vec::new();
+        let mut arm = ling(Box::new(TwoArms { answer, changes }));
+        arm.read_mode().unwrap();
+        let error = arm.set_mode(ControlMode::Current).unwrap_err();
+        assert!(matches!(error, Error::Immovable { .. }), "{error}");
+        let error = arm.set_force_feedback(true).unwrap_err();
+        assert!(matches!(error, Error::Immovable { .. }), "{error}");
+        drop(arm);
+        assert_eq!(sent.iter().count(), 0);
     }
 
     #[test]

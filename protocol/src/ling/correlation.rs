@@ -38,12 +38,12 @@ impl Correlation for Ling {
             (0x06, 0x01, NO_VALUE) | (SELF_CHECK, 0x00, _) => (Effect::Read, Some(LONGEST)),
             (0x06, 0x03, _) => (Effect::Motion, None),
             (0x05, 0x00, _) => (Effect::Torque, None),
+            // The motors may push the joints.
+            (0x05, 0x01, 1) | (0x06, 0x20, 1) => (Effect::Motion, Some(MAX_FRAME as u16)),
             // In position mode again, the torque stays off.
             (0x05, 0x01, _) => (Effect::Torque, Some(MAX_FRAME as u16)),
-            // The motors push the joints.
-            (0x06, 0x20, 1) => (Effect::Motion, Some(MAX_FRAME as u16)),
             (0x06, 0x20, 0) => (Effect::Torque, Some(MAX_FRAME as u16)),
-            (0x06, 0x20, NO_VALUE) | (0x06, 0x24, _) => (Effect::Read, Some(MAX_FRAME as u16)),
+            (0x06, 0x20 | 0x24, NO_VALUE) => (Effect::Read, Some(MAX_FRAME as u16)),
             // Setting the zero position switches the torque off, too.
             (0x03, 0x00, _) | (0x04, _, _) | (0x06, 0x01, _) => (Effect::Setting, None),
             // A newer arm may answer it.

@@ -152,9 +152,11 @@ impl ModeChange {
         }
     }
 
-    /// Takes the answer to the request.
+    /// Takes the answer to the request. One for another mode says nothing.
     pub fn on_reply(&mut self, reply: &ModeReply) {
-        if let Step::Read(_) = self.step {
+        if let Step::Read(_) = self.step
+            && reply.requested == self.mode as u8
+        {
             self.reply = Some(*reply);
             if reply.result != ModeResult::Accepted {
                 self.step = Step::End(Err(ModeError::Refused {
@@ -308,6 +310,18 @@ mod tests {
             let set = |request: &&Request| matches!(request, Request::SetMode(_));
             assert_eq!(requests.iter().filter(set).count(), 1);
         }
+    }
+
+    #[test]
+    fn answer_for_another_mode_says_nothing() {
+        let mut change = ModeChange::new(ControlMode::Current);
+        assert!(matches!(
+            change.poll(Instant::ZERO),
+            Output::Request(Request::SetMode(_))
+        ));
+        let (requested, result) = (ControlMode::Position as u8, ModeResult::Unsupported);
+        change.on_reply(&ModeReply { requested, result });
+        assert_eq!(change.poll(Instant::ZERO), Output::Request(Request::ReadMode));
     }
 
     #[test]

@@ -8,6 +8,7 @@ use super::wait::until;
 use crate::arm::shared::Shared;
 use crate::arm::stop;
 use crate::error::Error;
+use crate::error::received::Missing;
 use crate::time::stopwatch::Stopwatch;
 
 /// A change of the control mode, which is read back.
@@ -35,9 +36,10 @@ impl ModeSwitching {
     /// # Errors
     ///
     /// [`Error::ModeNotApplied`] if the arm refuses the mode, or does not apply it within 2 s; [`Error::NoAnswer`] if it
-    /// answers nothing; [`Error::NoForceFeedback`] of another arm, which does not get the request. Errors of the line
-    /// that do not pass.
+    /// answers nothing; [`Error::MotionRefused`] for current mode; [`Error::NoForceFeedback`] of another arm, and
+    /// [`Error::Immovable`] of another robot, which do not get the request. Errors of the line that do not pass.
     pub fn step(&mut self, arm: &mut Ling) -> Result<Option<ModeState>, Error> {
+        arm.require_own()?;
         if arm.has_force_feedback != Some(true) {
             arm.read_mode()?;
             self.clock = Stopwatch::start();
@@ -86,7 +88,7 @@ impl Ling {
     /// # Errors
     ///
     /// [`Error::NoForceFeedback`] of an arm that answers the request for its joints, but not this one. Later calls return
-    /// it at once, and send nothing.
+    /// it at once, and send nothing. An answer that is late or damaged is [`Error::NoAnswer`].
     pub fn read_mode(&mut self) -> Result<ModeState, Error> {
         if self.has_force_feedback == Some(false) {
             return Err(self.no_force_feedback());
@@ -96,7 +98,10 @@ impl Ling {
                 self.has_force_feedback = Some(true);
                 Ok(state)
             }
-            Err(Error::NoAnswer { .. }) if self.has_force_feedback.is_none() => {
+            Err(Error::NoAnswer {
+                missing: Missing::Silent | Missing::Elsewhere,
+                ..
+            }) if self.has_force_feedback.is_none() => {
                 // A silent arm is the error of this reading instead.
                 self.read_joints()?;
                 self.has_force_feedback = Some(false);
@@ -132,11 +137,12 @@ impl Ling {
     ///
     /// # Errors
     ///
-    /// As of [`read_force_feedback`](Self::read_force_feedback), and [`Error::MotionRefused`] as of
-    /// [`check_refusal`](Self::check_refusal).
+    /// As of [`read_force_feedback`](Self::read_force_feedback), [`Error::MotionRefused`] as of
+    /// [`check_refusal`](Self::check_refusal), and [`Error::Immovable`] of another robot.
     pub fn set_force_feedback(&mut self, is_on: bool) -> Result<ForceFeedback, Error> {
         self.require_force_feedback()?;
         if is_on {
+            self.require_own()?;
             self.check_refusal()?;
         }
         self.forget_motion();
@@ -161,6 +167,9 @@ impl Ling {
 
     /// Requests a mode.
     fn send_mode(&mut self, request: &Request) -> Result<ModeReply, Error> {
+        if *request == Request::SetMode(ControlMode::Current) {
+            self.check_refusal()?;
+        }
         self.forget_motion();
         self.link
             .read_with(request, |response: Response| ModeReply::try_from(response).ok())
@@ -187,5 +196,91 @@ impl Shared<Ling> {
     pub fn set_mode(&self, mode: ControlMode) -> Result<ModeState, Error> {
         let mut switching = ModeSwitching::new(mode);
         until(|| self.call(|arm| switching.step(arm)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::mem;
+    use std::time::Duration;
+
+    use armwire::ling::{JOINTS, JointForce, JointMask, JointState, MAX_FRAME, MotionStatus, PerServo, Stroke};
+    use armwire::messages::Messages;
+
+    use super::*;
+    use crate::error::text::Text;
+    use crate::ports::line::{Line, Names, Reception};
+
+    /// The line of a leader. This number of answers for its mode arrive damaged.
+    struct Damaging {
+        left: u8,
+        answers: Vec<u8>,
+    }
+
+    impl Line for Damaging {
+        fn name(&self) -> &str {
+            "fake"
+        }
+
+        fn read(&mut self, buf: &mut [u8], _: Duration) -> Result<usize, Error> {
+            let answers = mem::take(&mut self.answers);
+            buf[..answers.len()].copy_from_slice(&answers);
+            Ok(answers.len())
+        }
+
+        fn write(&mut self, bytes: &[u8]) -> Result<usize, Error> {
+            let request = armwire::ling::Ling.parse_request(bytes);
+            let response = match request {
+                Ok(Request::ReadMode) => Response::Mode(ModeState {
+                    mode: ControlMode::Position,
+                    blocked: JointMask(0),
+                    valid: JointMask(0x3F),
+                    joints: [JointForce::default(); JOINTS],
+                }),
+                // Fences.
+                Ok(Request::ReadStroke) => Response::Stroke(Stroke::Mm50),
+                Ok(Request::ReadTemperatures) => Response::Temperatures(PerServo::Follower([30; 10])),
+                Ok(Request::ReadVelocities) => Response::Velocities(PerServo::Follower([0; 10])),
+                _ => Response::Joints(JointState {
+                    joints: [2048; JOINTS],
+                    gripper: 500,
+                    status: MotionStatus::Locked,
+                }),
+            };
+            let mut out = [0; MAX_FRAME];
+            let n = armwire::ling::Ling.encode_response(&response, None, &mut out).unwrap();
+            if request == Ok(Request::ReadMode) && self.left > 0 {
+                self.left -= 1;
+                out[6] ^= 1;
+            }
+            self.answers.extend(&out[..n]);
+            Ok(bytes.len())
+        }
+
+        fn hint(&self, _: Reception, _: Names) -> Text {
+            Text::default()
+        }
+    }
+
+    #[test]
+    fn damaged_answer_for_the_mode_names_no_arm() {
+        // A call makes three attempts.
+        let line = Damaging {
+            left: 3,
+            answers: Vec::new(),
+        };
+        let mut arm = super::super::tests::ling(Box::new(line));
+        let error = arm.read_mode().unwrap_err();
+        let is_damaged = matches!(
+            error,
+            Error::NoAnswer {
+                missing: Missing::Damaged,
+                ..
+            }
+        );
+        assert!(is_damaged, "{error}");
+        assert_eq!(arm.slowest(), Speed::SLOWEST);
+        assert_eq!(arm.read_mode().unwrap().mode, ControlMode::Position);
+        assert_eq!(arm.slowest(), Speed::SLOWEST_OF_FORCE_FEEDBACK);
     }
 }
