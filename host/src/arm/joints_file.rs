@@ -26,8 +26,8 @@ const GOAL_TIME: Duration = Duration::from_secs(1);
 /// The distance from the last point, by default, at which a joint has reached its goal, in rad.
 const GOAL_TOLERANCE: f64 = 0.05;
 
-/// The part of a range by which a limit may miss its end: a factor such as that of degrees is rounded.
-const ROUNDING: f64 = 1e-9;
+/// The part of a range by which a limit may miss its end, one tick: a model has 3.1416 for π.
+const ROUNDING: f64 = 1.0 / 4096.0;
 
 /// The sizes of factors: 64 bits keep every tick.
 const FACTORS: RangeInclusive<f64> = 1e-9..=1e9;
@@ -320,17 +320,23 @@ impl Entry {
         }
         let first = Position::new(0).unwrap_or(Position::CENTRE);
         let (low, high) = scale.range([first, Position::MAX].map(|end| end.radians().into()));
-        Ok((
+        let (least, most) = (
             self.min.map_or(low, |min| min.max(low)),
             self.max.map_or(high, |max| max.min(high)),
-        ))
+        );
+        match least < most {
+            true => Ok((least, most)),
+            false => Err(format!(
+                "min {min} and max {max} have no position of the arm between them: its range is {low:.4} to {high:.4}"
+            )),
+        }
     }
 
     fn max_speed(&self, scale: Scale) -> Result<f64, String> {
         let max = scale.length(Speed::MAX.radians_per_second().into());
         match self.max_velocity {
             None => Ok(max),
-            Some(velocity) if velocity > 0.0 && velocity <= max => Ok(velocity),
+            Some(velocity) if velocity > 0.0 && velocity <= max * (1.0 + ROUNDING) => Ok(velocity.min(max)),
             Some(velocity) => Err(format!("max_velocity {velocity} is not within 0 to {max:.3}")),
         }
     }
@@ -416,6 +422,14 @@ mod tests {
     }
 
     #[test]
+    fn rounded_limits_are_those_of_the_arm() {
+        let rounded = arm("joint1 = { min = -3.1416, max = 3.1416, max_velocity = 7.67 }");
+        assert_eq!(rounded.all[0], Joints::default().all[0]);
+        let degrees = arm("joint1 = { factor = -57.2958, min = -180, max = 180, max_velocity = 439.5 }");
+        assert_eq!((degrees.all[0].min.ceil(), degrees.all[0].max.round()), (-179.0, 180.0));
+    }
+
+    #[test]
     fn every_value_survives_its_scale() {
         for (factor, offset) in [
             (1.0, 0.0),
@@ -477,6 +491,14 @@ mod tests {
                 "\"left\": joint1: min 1 and max 0",
             ),
             ("[left.joints]\njoint1 = { max = nan }", "\"left\": joint1: min"),
+            (
+                "[left.joints]\njoint1 = { min = 3.1402, max = 3.1415 }",
+                "have no position of the arm between them: its range is -3.1416 to 3.1401",
+            ),
+            (
+                "[left.joints]\njoint1 = { factor = -1, min = -3.1415, max = -3.1402 }",
+                "its range is -3.1401 to 3.1416",
+            ),
             (
                 "[left.joints]\njoint1 = { min = -3.2 }",
                 "are not within -3.1416 to 3.1416",
