@@ -4,7 +4,7 @@ use std::fmt::Display;
 use std::io::{self, BufRead};
 use std::str::FromStr;
 use std::sync::atomic::AtomicBool;
-use std::sync::mpsc::{Receiver, channel};
+use std::sync::mpsc::{Receiver, sync_channel};
 use std::thread;
 
 use armwire_bridge::{Duration, Instant};
@@ -20,6 +20,8 @@ use crate::output::print_line;
 
 /// Longest time from an order on standard input to its effect.
 const ORDERS: Duration = Duration::from_millis(5);
+/// Maximum number of orders that are read ahead, and carried out at once: a flood of them leaves time for the line.
+const MAX_ORDERS: usize = 16;
 
 /// The arguments of `armwire sim so101`.
 #[derive(Args)]
@@ -129,7 +131,7 @@ impl So101Sim {
 
 /// The lines of standard input, as they come.
 fn lines() -> Receiver<String> {
-    let (sender, lines) = channel();
+    let (sender, lines) = sync_channel(MAX_ORDERS);
     // It ends with the input, or with the program.
     thread::spawn(move || {
         for line in io::stdin().lock().split(b'\n').map_while(Result::ok) {
@@ -153,7 +155,7 @@ struct Ordered {
 impl Ordered {
     fn take_orders(&mut self, now: Instant) {
         self.looked = now;
-        for line in self.orders.iter().flat_map(Receiver::try_iter) {
+        for line in self.orders.iter().flat_map(Receiver::try_iter).take(MAX_ORDERS) {
             let done = line.parse().and_then(|order| self.arm.order(now, order));
             // Without a reader the output is lost. The order is carried out all the same.
             let _ = match done {

@@ -4,6 +4,7 @@ use std::fs::{File, OpenOptions};
 use std::io::{BufRead, BufReader, Read, Write};
 use std::os::unix::fs::OpenOptionsExt;
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+use std::{io, thread};
 
 use rustix::fs::OFlags;
 use rustix::process::{Pid, Signal, kill_process};
@@ -86,6 +87,22 @@ impl Ordered {
         assert!(output.status.success() && output.stderr.is_empty(), "{output:?}");
         rest
     }
+}
+
+#[test]
+fn arm_answers_and_ends_in_a_flood_of_orders() {
+    let arm = Ordered::start("so101-flood", &[]);
+    let (mut child, mut orders, mut out, mut port) = (arm.child, arm.orders, arm.out, arm.port);
+    let flood = thread::spawn(move || while orders.write_all(b"gremlins\n").is_ok() {});
+    let reader = thread::spawn(move || io::copy(&mut out, &mut io::sink()).unwrap());
+    port.write_all(&PING).unwrap();
+    let mut answer = [0; 6];
+    port.read_exact(&mut answer).unwrap();
+    assert_eq!(answer, [0xFF, 0xFF, 0x01, 0x02, 0x00, 0xFC]);
+    kill_process(Pid::from_child(&child), Signal::INT).unwrap();
+    assert!(child.wait().unwrap().success());
+    flood.join().unwrap();
+    assert!(reader.join().unwrap() > 0);
 }
 
 #[test]

@@ -117,6 +117,10 @@ impl So101 {
                 return is_moved.then(Vec::new).ok_or(OrderError::Holds(id));
             }
             Order::Silent { id } => self.arm.faults.silence(self.arm.index(id)?),
+            Order::Clear => {
+                self.arm.faults.add(order);
+                self.arm.end_waits(now);
+            }
             Order::Error { id, bits } => self.arm.faults.set_errors(self.arm.index(id)?, bits),
             Order::Unplugged { id } => {
                 self.arm.faults.unplug(self.arm.index(id)?);
@@ -172,6 +176,15 @@ impl Arm {
         }
     }
 
+    /// Ends a pause of the host's USB and a brown-out.
+    fn end_waits(&mut self, now: Instant) {
+        (self.held, self.off_until) = (now, now);
+        let sent = self.free.max(now);
+        for answer in &mut self.answers {
+            answer.due = answer.due.min(sent);
+        }
+    }
+
     /// The servos that hear a request to this id.
     fn addressed(&self, now: Instant, id: u8) -> Vec<usize> {
         let is_meant = |servo: &Servo| servo.baud() == self.baud && (id == BROADCAST || servo.id() == id);
@@ -192,7 +205,6 @@ impl Arm {
                 let servos = self.addressed(now, id).into_iter();
                 self.answer(now, servos.map(|index| (index, Vec::new())).collect());
             }
-            Request::Read { id: BROADCAST, .. } => {}
             Request::Read { id, address, len } => self.read(now, id, address, len),
             Request::SyncRead { address, len, ids } => ids.iter().for_each(|id| self.read(now, *id, address, len)),
             Request::Write { id, address, data } => self.change(now, id, |servo| servo.write(now, address, data)),
@@ -216,7 +228,11 @@ impl Arm {
         }
     }
 
+    /// Answers a read of one servo. A read of all, also by a SYNC_READ, has no answer.
     fn read(&mut self, now: Instant, id: u8, address: u8, len: u8) {
+        if id == BROADCAST {
+            return;
+        }
         let servos = self.addressed(now, id).into_iter();
         let data = servos
             .map(|index| (index, self.servos[index].read(now, address, len)))
@@ -242,6 +258,10 @@ impl Arm {
 
     /// Queues the answer of servos with the same id, which transmit at the same time.
     fn answer(&mut self, now: Instant, data: Vec<(usize, Vec<u8>)>) {
+        // A brown-out at the answer of one servo silences those that would answer behind it.
+        if now < self.off_until {
+            return;
+        }
         let (silent, data): (Vec<_>, Vec<_>) = data.into_iter().partition(|(index, _)| self.faults.is_silent(*index));
         self.counters.refused += silent.len() as u64;
         let packets: Vec<_> = data
@@ -258,8 +278,8 @@ impl Arm {
         let fate = self.faults.next();
         if let Some(time) = fate.brownout {
             self.off_until = now + time;
+            // Queued answers were on the wire before.
             self.servos.iter_mut().for_each(Servo::restart);
-            self.answers.clear();
             return;
         }
         if fate.is_damaged

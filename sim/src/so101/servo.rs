@@ -222,20 +222,20 @@ impl Servo {
         for (at, byte) in (usize::from(address)..self.bytes.len()).zip(data) {
             self.bytes[at] = *byte;
         }
-        for row in REGISTERS {
-            let (at, len) = (usize::from(row.address), usize::from(row.len));
-            let is_valid = (row.min..=row.max).contains(&self.get(*row));
-            if row.access == Access::ReadOnly || !is_valid {
-                self.bytes[at..at + len].copy_from_slice(&before[at..at + len]);
-            } else if row.access == Access::Eeprom && self.get(register::LOCK) == 0 {
-                self.saved[at..at + len].copy_from_slice(&self.bytes[at..at + len]);
-            }
-        }
         let end = usize::from(address) + data.len();
         let is_written = |row: Register| {
             let (first, len) = (usize::from(row.address), usize::from(row.len));
             usize::from(address) < first + len && first < end
         };
+        for row in REGISTERS {
+            let (at, len) = (usize::from(row.address), usize::from(row.len));
+            let is_valid = (row.min..=row.max).contains(&self.get(*row));
+            if row.access == Access::ReadOnly || !is_valid {
+                self.bytes[at..at + len].copy_from_slice(&before[at..at + len]);
+            } else if row.access == Access::Eeprom && is_written(*row) && self.get(register::LOCK) == 0 {
+                self.saved[at..at + len].copy_from_slice(&self.bytes[at..at + len]);
+            }
+        }
         if is_written(register::MODE) {
             self.goal = self.plant.position();
         }

@@ -121,6 +121,15 @@ fn lock_decides_what_survives_power_off() {
 }
 
 #[test]
+fn unlocking_saves_no_earlier_write() {
+    let mut bus = bus();
+    write(&mut bus, 1, register::P, 16);
+    write(&mut bus, 1, register::LOCK, 0);
+    bus.call(Request::Reboot { id: 1 }).unwrap();
+    assert_eq!(read(&mut bus, 1, register::P), 32);
+}
+
+#[test]
 fn motion_has_its_speed_and_acceleration() {
     let mut bus = bus();
     write(&mut bus, 1, register::ACCELERATION, 10);
@@ -371,6 +380,45 @@ fn brownout_restarts_all_servos() {
         [register::TORQUE, register::ACCELERATION].map(|row| read(&mut bus, 1, row)),
         [0, 0]
     );
+}
+
+#[test]
+fn brownout_ends_the_answers_to_a_request() {
+    let sync_read = [[register::VOLTAGE.address, 1].as_slice(), &[1, 2, 3, 4]].concat();
+    // Both requests are to all servos: a PING, and a SYNC_READ.
+    for (code, data) in [(0x01, &[][..]), (0x82, &sync_read[..])] {
+        let mut arm = So101::new(Config::default());
+        arm.order(Instant::ZERO, "brownout 3".parse().unwrap()).unwrap();
+        for byte in encoded(BROADCAST, code, data) {
+            arm.receive(Instant::ZERO, byte);
+        }
+        let answers: Vec<u8> = std::iter::from_fn(|| arm.transmit(Instant::from_millis(100))).collect();
+        assert_eq!(
+            answers.windows(2).filter(|bytes| **bytes == [0xFF, 0xFF]).count(),
+            2,
+            "{answers:X?}"
+        );
+    }
+}
+
+#[test]
+fn clear_ends_a_delay_and_a_brownout() {
+    for fault in ["late 1:60000", "brownout 1:60000"] {
+        let mut bus = faulty(fault);
+        assert!(!ping(&mut bus, 1), "{fault}");
+        order(&mut bus, "clear").unwrap();
+        wait(&mut bus, 5);
+        assert!(ping(&mut bus, 2), "{fault}");
+    }
+}
+
+#[test]
+fn sync_read_of_the_id_of_all_has_no_answer() {
+    let mut arm = So101::new(Config::default());
+    for byte in encoded(BROADCAST, 0x82, &[register::VOLTAGE.address, 1, BROADCAST]) {
+        arm.receive(Instant::ZERO, byte);
+    }
+    assert_eq!(arm.transmit(Instant::from_millis(100)), None);
 }
 
 #[test]
