@@ -12,7 +12,7 @@ use armwire_bridge::{Duration, Instant};
 use armwire_feetech::MAX_FRAME;
 use armwire_feetech::register::BAUD_RATES;
 use clap::Args;
-use serial2::{SerialPort, Settings};
+use serial2::{KeepSettings, SerialPort};
 
 use crate::call::values::{parse, seconds};
 use crate::error::Error;
@@ -57,7 +57,11 @@ impl FromStr for Ids {
             id @ 0..=armwire_feetech::MAX_ID => Ok(id),
             id => Err(format!("'{id}' is not an id from 0 to 253")),
         };
-        ids(text, id).map(Self)
+        let ids = ids(text, id)?;
+        match (1..ids.len()).find(|&nth| ids[..nth].contains(&ids[nth])) {
+            Some(nth) => Err(format!("id {} is there twice", ids[nth])),
+            None => Ok(Self(ids)),
+        }
     }
 }
 
@@ -77,13 +81,15 @@ fn bauds(text: &str) -> Result<Bauds, String> {
 
 impl Bus {
     pub(crate) fn run(&self, stop: &AtomicBool) -> Result<(), Error> {
-        let mut noise = 0;
+        let (mut noise, mut echoes, mut unsolicited) = (0, 0, 0);
         for &baud in &self.baud.0 {
             let mut line = Line::open(&self.port, baud)?;
             let mut survey = Survey::new(&self.ids.0, baud);
             line.run(&mut survey, stop, |survey, _| survey.is_searching())?;
             if survey.servos.is_empty() {
                 noise += survey.noise;
+                echoes += survey.echoes;
+                unsolicited += survey.unsolicited;
                 if stop.load(Ordering::Relaxed) {
                     return Err(Error::at(&self.port, "interrupted before a servo answered"));
                 }
@@ -97,16 +103,21 @@ impl Bus {
                 ));
             }
             let end = line.now() + Duration::try_from(self.seconds).unwrap_or(Duration::MAX);
-            line.run(&mut survey, stop, |_, now| now < end)?;
+            let read = line.run(&mut survey, stop, |_, now| now < end);
             let pause = line.pause;
-            return self.print(&Report {
+            let printed = self.print(&Report {
                 baud,
                 survey: &survey,
                 pause,
             });
+            // A lost port does not take the report so far along.
+            return read.and(printed);
         }
-        let reason =
-            format!("no servo answers, {noise} other bytes came: is it a bus of Feetech servos, with its supply on?");
+        let reason = format!(
+            "no servo answers to the {} ids of --ids; {noise} noise bytes, {unsolicited} answers without a request, \
+             {echoes} echoes came: is it a bus of Feetech servos, with its supply on?",
+            self.ids.0.len()
+        );
         Err(Error::at(&self.port, reason))
     }
 
@@ -128,6 +139,22 @@ impl Bus {
     }
 }
 
+/// Keeps other programs of this project off the port. The error says that one of them has it.
+#[cfg(unix)]
+fn lock(port: &SerialPort) -> io::Result<()> {
+    use rustix::fs::{FlockOperation, flock};
+    match flock(port, FlockOperation::NonBlockingLockExclusive) {
+        Err(rustix::io::Errno::WOULDBLOCK) => Err(io::Error::other("another program uses the port")),
+        result => Ok(result?),
+    }
+}
+
+/// Windows opens a port for one program only.
+#[cfg(not(unix))]
+fn lock(_: &SerialPort) -> io::Result<()> {
+    Ok(())
+}
+
 /// The port, and the time.
 struct Line<'a> {
     name: &'a str,
@@ -139,12 +166,13 @@ struct Line<'a> {
 
 impl<'a> Line<'a> {
     fn open(name: &'a str, baud: u32) -> Result<Self, Error> {
-        let settings = |mut settings: Settings| {
+        let opened = SerialPort::open(name, KeepSettings).and_then(|mut port| {
+            // The settings of a port that another program uses are not ours to change.
+            lock(&port)?;
+            let mut settings = port.get_configuration()?;
             settings.set_raw();
             settings.set_baud_rate(baud)?;
-            Ok(settings)
-        };
-        let opened = SerialPort::open(name, settings).and_then(|mut port| {
+            port.set_configuration(&settings)?;
             port.set_read_timeout(WAIT)?;
             port.discard_input_buffer()?;
             Ok(port)
@@ -170,12 +198,13 @@ impl<'a> Line<'a> {
     ) -> Result<(), Error> {
         let (mut out, mut input) = ([0; MAX_FRAME], [0; 512]);
         while goes_on(survey, self.now()) && !stop.load(Ordering::Relaxed) {
-            let before = self.now();
-            if let Some(n) = survey.request(before, &mut out) {
+            if let Some(n) = survey.request(self.now(), &mut out) {
                 self.port
                     .write_all(&out[..n])
                     .map_err(|error| Error::at(self.name, error))?;
             }
+            // A port that takes no bytes is no pause of this computer.
+            let before = self.now();
             let n = match self.port.read(&mut input) {
                 Ok(n) => n,
                 Err(error) if matches!(error.kind(), io::ErrorKind::TimedOut | io::ErrorKind::Interrupted) => 0,

@@ -90,7 +90,8 @@ impl Report<'_> {
         let noise = (noise > 0 || unsolicited > 0).then(|| Finding {
             kind: Kind::Noise,
             text: format!(
-                "{noise} noise bytes, {unsolicited} answers without a request: another program or host may use the bus"
+                "{noise} noise bytes, {unsolicited} answers without a request: of damaged or repeated answers, of ids that \
+                 occur twice, or of another program on the bus"
             ),
         });
         let echo = (echoes > 0).then(|| Finding {
@@ -131,7 +132,7 @@ impl Report<'_> {
             let _ = writeln!(
                 text,
                 "{id:>3}  {model:>5}  {firmware:>8}  {volts:>9}  {heat:>4}  {load:>5}  {torque:>6}  {answers:>7}  {lost:>4}  \
-                 {late:>4}  {damaged:>7}  {times:>17}  {errors}"
+                 {late:>4}  {damaged:>7}  {times:>18}  {errors}"
             );
         };
         row([
@@ -164,14 +165,15 @@ impl Report<'_> {
                 || "-".to_owned(),
                 |(least, most)| format!("{}-{}", tenths(least), tenths(most)),
             );
-            let [median, p99, max] = latencies(servo).map(|time| format!("{:.1}", time.as_micros() as f64 / 1e3));
+            let times = latencies(servo).map(|times| times.map(|time| format!("{time:.1}")).join(" "));
+            let dash = || "-".to_owned();
             row([
                 &servo.id.to_string(),
                 &setting(register::MODEL),
                 &firmware,
                 &volts,
-                &servo.temperature.to_string(),
-                &format!("{}%", tenths(servo.load)),
+                &servo.temperature.map_or_else(dash, |celsius| celsius.to_string()),
+                &servo.load.map_or_else(dash, |load| format!("{}%", tenths(load))),
                 servo
                     .has_torque()
                     .map_or("-", |torque| if torque { "on" } else { "off" }),
@@ -179,7 +181,7 @@ impl Report<'_> {
                 &servo.lost.to_string(),
                 &servo.late.to_string(),
                 &servo.damaged.to_string(),
-                &format!("{median} {p99} {max}"),
+                &times.unwrap_or_else(dash),
                 &if servo.errors == 0 {
                     "-".to_owned()
                 } else {
@@ -276,7 +278,7 @@ fn difference(row: Register, servos: &[Servo]) -> Option<Finding> {
 }
 
 fn servo_json(servo: &Servo) -> Value {
-    let [median, p99, max] = latencies(servo).map(|time| time.as_micros() as f64 / 1e3);
+    let latency = latencies(servo);
     let settings = REGISTERS
         .iter()
         .filter_map(|row| Some((row.name.to_owned(), servo.setting(*row)?.into())));
@@ -285,13 +287,13 @@ fn servo_json(servo: &Servo) -> Value {
         "settings": Value::Object(settings.collect()),
         "volts": servo.volts.map(|(least, most)| [f64::from(least) / 10.0, f64::from(most) / 10.0]),
         "temperature": servo.temperature,
-        "load_percent": f64::from(servo.load) / 10.0,
+        "load_percent": servo.load.map(|load| f64::from(load) / 10.0),
         "torque": servo.has_torque(),
         "answers": servo.latencies.len(),
         "lost": servo.lost,
         "late": servo.late,
         "damaged": servo.damaged,
-        "latency_ms": { "median": median, "p99": p99, "max": max },
+        "latency_ms": latency.map(|[median, p99, max]| json!({ "median": median, "p99": p99, "max": max })),
         "error_bits": servo.errors,
     })
 }
@@ -302,12 +304,12 @@ fn is_shared(row: &Register) -> bool {
     is_version || row.access == Access::Eeprom && !OWN.contains(row)
 }
 
-/// The median, the 99th percentile and the maximum; zero without an answer.
-fn latencies(servo: &Servo) -> [Duration; 3] {
+/// The median, the 99th percentile and the maximum, in ms. None without an answer.
+fn latencies(servo: &Servo) -> Option<[f64; 3]> {
     let mut times = servo.latencies.clone();
     times.sort_unstable();
-    let at = |percent: usize| times.get((times.len() * percent / 100).min(times.len().saturating_sub(1)));
-    [50, 99, 100].map(|percent| at(percent).copied().unwrap_or(Duration::ZERO))
+    let last = times.len().checked_sub(1)?;
+    Some([50, 99, 100].map(|percent| times[(times.len() * percent / 100).min(last)].as_micros() as f64 / 1e3))
 }
 
 fn tenths(count: i32) -> String {

@@ -34,9 +34,9 @@ pub(super) struct Servo {
     /// The bytes of the last reading.
     readings: Vec<u8>,
     pub(super) volts: Option<(i32, i32)>,
-    /// The largest load, without its sign, in thousandths.
-    pub(super) load: i32,
-    pub(super) temperature: i32,
+    /// The largest load, without its sign, in thousandths, and the highest temperature. None without a reading.
+    pub(super) load: Option<i32>,
+    pub(super) temperature: Option<i32>,
     /// The error bits of all answers.
     pub(super) errors: u8,
     pub(super) lost: u32,
@@ -63,8 +63,8 @@ impl Servo {
         let volts = value(register::VOLTAGE);
         let (least, most) = self.volts.unwrap_or((volts, volts));
         self.volts = Some((least.min(volts), most.max(volts)));
-        self.load = self.load.max(value(register::LOAD).abs());
-        self.temperature = self.temperature.max(value(register::TEMPERATURE));
+        self.load = self.load.max(Some(value(register::LOAD).abs()));
+        self.temperature = self.temperature.max(Some(value(register::TEMPERATURE)));
     }
 }
 
@@ -237,7 +237,11 @@ fn is_echo(asked: Asked, status: Status<'_>) -> bool {
 
 /// Takes an answer whose request counts as lost.
 fn late(servos: &mut Vec<Servo>, status: Status<'_>) {
-    match servos.iter_mut().find(|servo| servo.id == status.id) {
+    let mut servo = servos.iter_mut().find(|servo| servo.id == status.id);
+    if let Some(servo) = &mut servo {
+        servo.errors |= status.error;
+    }
+    match servo {
         None => found(servos, status),
         Some(servo) if status.data.len() == usize::from(SETTINGS.1) => servo.settings = status.data.to_vec(),
         Some(servo) if status.data.len() == usize::from(READINGS.1) => {
@@ -334,7 +338,7 @@ mod tests {
             );
             assert_eq!(
                 (servo.has_torque(), servo.temperature, servo.errors),
-                (Some(false), 31, 0)
+                (Some(false), Some(31), 0)
             );
         }
         assert_eq!((survey.noise, survey.echoes, survey.unsolicited), (0, 0, 0));
@@ -349,6 +353,17 @@ mod tests {
             survey.servos.iter().map(|servo| servo.id).collect::<Vec<_>>(),
             [1, 2, 3, 4, 5, 6]
         );
+    }
+
+    #[test]
+    fn error_of_a_late_answer_is_kept() {
+        let mut servos = vec![Servo {
+            id: 1,
+            ..Servo::default()
+        }];
+        let (id, error, data) = (1, 32, &[][..]);
+        late(&mut servos, Status { id, error, data });
+        assert_eq!(servos[0].errors, 32);
     }
 
     #[test]

@@ -52,6 +52,15 @@ fn findings_have_advice_and_fail_on_demand() {
 }
 
 #[test]
+fn noise_blames_no_other_program() {
+    for (name, fault) in [("bus-twice", "--twice"), ("bus-damaged", "--damaged")] {
+        let (text, ..) = report(name, &[fault, "40"], &[]);
+        let noise = text.lines().find(|line| line.starts_with("noise: ")).unwrap();
+        assert!(noise.contains(": of damaged or repeated answers, "), "{noise}");
+    }
+}
+
+#[test]
 fn json_has_counts_and_settings() {
     let (text, status, errors) = report("bus-json", &["--error", "2 32"], &["--json"]);
     assert_eq!((status, &*errors), (Some(0), ""));
@@ -66,6 +75,26 @@ fn json_has_counts_and_settings() {
 }
 
 #[test]
+fn values_that_were_not_read_are_not_shown() {
+    let arm = Arm::start("so101", "bus-unread", &[]);
+    let [text, report] = [&[] as &[&str], &["--json"]].map(|format| {
+        let output = run(&[&["bus", &arm.port, "--seconds", "0"][..], format].concat());
+        String::from_utf8(output.stdout).unwrap()
+    });
+    arm.stop(Signal::INT);
+    let words: Vec<_> = text.lines().nth(1).unwrap().split_whitespace().collect();
+    assert_eq!(
+        words,
+        ["1", "-", "-.-", "-", "-", "-", "-", "0", "0", "0", "0", "-", "-"]
+    );
+    let report: Value = serde_json::from_str(&report).unwrap();
+    let servo = &report["servos"][0];
+    for field in ["volts", "temperature", "load_percent", "torque", "latency_ms"] {
+        assert!(servo[field].is_null(), "{servo}");
+    }
+}
+
+#[test]
 fn interrupted_report_has_what_was_read() {
     let arm = Arm::start("so101", "bus-interrupted", &[]);
     let mut child = start(Command::new(PROGRAM).args(["bus", &arm.port, "--seconds", "600"]));
@@ -74,6 +103,8 @@ fn interrupted_report_has_what_was_read() {
         .read_line(&mut progress)
         .unwrap();
     assert!(progress.contains("6 servos"), "{progress}");
+    let error = failure(&run(&["bus", &arm.port, "--seconds", "1"]));
+    assert!(error.contains("another program uses the port"), "{error}");
     kill_process(Pid::from_child(&child), Signal::INT).unwrap();
     let mut text = String::new();
     child.stdout.take().unwrap().read_to_string(&mut text).unwrap();
@@ -97,10 +128,39 @@ fn another_arm_and_no_port_are_errors() {
 }
 
 #[test]
+fn bytes_without_a_servo_are_named() {
+    let arm = Arm::start("so101", "bus-echo", &["--echo", "--unplugged", "1"]);
+    let error = failure(&run(&["bus", &arm.port, "--ids", "1-2", "--baud", "1000000"]));
+    assert!(
+        error.contains(
+            "no servo answers to the 2 ids of --ids; 0 noise bytes, 0 answers without a request, 2 echoes came"
+        ),
+        "{error}"
+    );
+    arm.stop(Signal::INT);
+}
+
+#[test]
+fn lost_port_leaves_the_report_so_far() {
+    let arm = Arm::start("so101", "bus-lost", &[]);
+    let mut child = start(Command::new(PROGRAM).args(["bus", &arm.port, "--seconds", "600"]));
+    let mut progress = String::new();
+    let mut errors = BufReader::new(child.stderr.take().unwrap());
+    errors.read_line(&mut progress).unwrap();
+    assert!(progress.contains("6 servos"), "{progress}");
+    arm.stop(Signal::INT);
+    let mut text = String::new();
+    child.stdout.take().unwrap().read_to_string(&mut text).unwrap();
+    assert!(text.contains("1000000 baud; "), "{text}");
+    assert_eq!(child.wait().unwrap().code(), Some(1));
+}
+
+#[test]
 fn wrong_options_are_refused() {
     for (args, reason) in [
         (["--ids", "254"], "'254' is not an id from 0 to 253"),
         (["--ids", "3-1"], "descending range"),
+        (["--ids", "1-3,2"], "id 2 is there twice"),
         (["--baud", "0"], "'0' is not a baud rate or 'auto'"),
         (["--baud", "fast"], "'fast' is not a baud rate or 'auto'"),
         (["--seconds", "-1"], "'-1' is not a valid time in seconds"),
