@@ -82,6 +82,10 @@ impl Reading for XArmLine {
             self.answered = Some(key);
             self.has_answers |= self.from == Speaker::Host && request != frame;
             if self.has_answers {
+                // The line keeps the order: the requests before this one have no answer any more.
+                for (_, older) in self.waiting.drain(..at) {
+                    self.uncertain += u64::from(may_be_answer(&older));
+                }
                 return meaning(&XArm::PRIVATE, frame, Direction::Responses, Sender::Known(Speaker::Arm));
             }
             return self.uncertain(frame);

@@ -76,7 +76,6 @@ fn results_that_go_nowhere_are_an_error() {
         &["monitor", port, "--csv", "--count", "2"],
         &["call", "ling", port, "read-joints"],
         &["torque", port, "on"],
-        &["stop", port, "--gripper", "0"],
         &["bench", port, "--rate", "50", "--seconds", "0.1"],
         &["decode", "tests/texts/ling.bin"],
         &["sim", "ling"],

@@ -307,10 +307,16 @@ fn decimals(tokens: &[Token<'_>], habits: &mut Habits) -> Result<Option<Found>, 
     Ok(Some(Found::new(Some(from), bytes)))
 }
 
-/// The words behind a direction, if only commas or angle brackets are between them.
+/// The words behind a direction, if only commas or angle brackets are between them. Other marks before a number make it
+/// no byte: `sent #123`, `got -100`.
 fn numbers_behind<'a>(tokens: &[Token<'a>]) -> Option<Vec<&'a str>> {
+    // Docklight writes `[TX] - 170 006`.
+    let tokens = match tokens {
+        [Token::Mark(']'), Token::Mark('-'), rest @ ..] => rest,
+        _ => tokens,
+    };
     let is_before = |token: &Token<'_>| {
-        matches!(token, Token::Mark(_) | Token::Arrow(_)) || is_between(std::slice::from_ref(token))
+        matches!(token, Token::Mark('<' | ']') | Token::Arrow(_)) || is_between(std::slice::from_ref(token))
     };
     let start = tokens.iter().position(|token| !is_before(token))?;
     let is_separator = |token: &&Token<'_>| matches!(token, Token::Comma | Token::Mark('<' | '>'));

@@ -1059,6 +1059,16 @@ fn frame_that_may_be_either_senders_is_counted() {
 }
 
 #[test]
+fn number_of_a_lost_answer_is_used_again() {
+    // The answer to the third frame is lost, and another connection has its number again.
+    let frames = [&BOTH_WAYS[..2], &BOTH_WAYS[4..5], &BOTH_WAYS[6..], &BOTH_WAYS[4..6]].concat();
+    let text: String = frames.iter().map(|frame| format!("TX: {frame}\n")).collect();
+    let (shown, sum) = directions(&text, None);
+    assert_eq!(shown, "><>><><");
+    assert!(sum.ends_with(", frames of uncertain direction: 1"), "{sum}");
+}
+
+#[test]
 fn requests_between_answers_are_counted() {
     // The first request may be an answer.
     for mark in ["RX: ", ""] {
@@ -1233,6 +1243,8 @@ fn bytes_in_a_form_that_is_not_read_are_counted() {
         ("RX: joints 12.50 13.75 -10.25 20.00", false),
         ("read 07 values, 12 of 35 are 0", false),
         ("TX: timeout after 20 ms", false),
+        ("sent #123", false),
+        ("got -100", false),
     ] {
         let (sum, _) = sum(&format!("{frame}{line}\n"), None);
         let more = match is_counted {
