@@ -23,6 +23,8 @@ from mcap_ros2.writer import Writer
 NAMES = [f"joint{number}" for number in range(1, 7)] + ["gripper"]
 # Limits of the ranges may be rounded to 32 bits.
 ROUNDING = 1e-6
+# The resolution of a joint in rad: the highest position is half a turn less one tick.
+TICK = math.tau / 4096
 JOINT_STATE = """std_msgs/Header header
 string[] name
 float64[] position
@@ -136,7 +138,7 @@ def pose(joints: list[Joint], action: list[float], stroke_mm: int) -> list[float
     positions = []
     for nth, (joint, value) in enumerate(zip(joints, action)):
         position = (value - joint.offset) / joint.factor
-        low, high = (-math.pi, math.pi) if nth < 6 else (0.0, stroke_mm / 1000)
+        low, high = (-math.pi, math.pi - TICK) if nth < 6 else (0.0, stroke_mm / 1000)
         if not low - ROUNDING <= position <= high + ROUNDING:
             unit = "rad" if nth < 6 else "m"
             raise ValueError(

@@ -109,7 +109,7 @@ def test_file_of_joints_has_other_names_and_units(other: Path, tmp_path: Path) -
 def test_value_that_the_arm_cannot_have_is_named(other: Path, tmp_path: Path) -> None:
     (path,) = (other / "data").rglob("*.parquet")
     table = parquet.read_table(path)
-    for value in (45.0, float("nan")):
+    for value in (45.0, float("nan"), np.pi):
         actions = table["action"].to_pylist()
         actions[3][1] = value
         column = pyarrow.array(actions, table["action"].type)

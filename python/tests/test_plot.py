@@ -105,6 +105,22 @@ def test_recording_of_another_program_is_drawn_by_its_joints(tmp_path: Path) -> 
     assert 'joints.toml: "arm": joint1: factor NaN is not within 1e-9 to 1e9' in drawn.stderr
 
 
+def test_joint_that_is_there_twice_is_refused(tmp_path: Path) -> None:
+    from mcap_ros2.writer import Writer
+
+    path = tmp_path / "twice.mcap"
+    names = [*(f"joint{number}" for number in range(1, 7)), "joint2"]
+    with path.open("wb") as out:
+        writer = Writer(out)
+        schema = writer.register_msgdef("sensor_msgs/msg/JointState", DEFINITION.read_text())
+        header = {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""}
+        message = {"header": header, "name": names, "position": [0.0] * 7, "velocity": [], "effort": []}
+        writer.write_message("/joint_states", schema, message, log_time=0, publish_time=0)
+        writer.finish()  # type: ignore[no-untyped-call]
+    with pytest.raises(ValueError, match="a joint is there twice"):
+        plot.read_mcap(path)
+
+
 def test_recording_that_ends_early_is_read_as_far_as_it_goes(virtual: sim.VirtualLing, tmp_path: Path) -> None:
     path, cut = tmp_path / "motion.mcap", tmp_path / "cut.mcap"
     run("record", virtual.port, str(path), "--count", "50")

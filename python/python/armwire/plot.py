@@ -200,6 +200,8 @@ def read_mcap(
         if len(state.name) != len(state.position) or not set(names) <= set(state.name):
             raise ValueError(f"{path}: the joints are {state.name!r}, must be {', '.join(names)}")
         position = dict(zip(state.name, state.position, strict=True))
+        if len(position) != len(state.name):
+            raise ValueError(f"{path}: a joint is there twice: {state.name!r}")
         time_s = state.header.stamp.sec + state.header.stamp.nanosec / 1e9
         opening = gripper.arm(position.get(gripper.name, float("nan")))
         rows.append([time_s, *(joint.arm(position[joint.name]) for joint in arm), opening])
