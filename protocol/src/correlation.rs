@@ -84,7 +84,8 @@ pub trait Correlation: Framing {
 
     /// Returns true if the line returns every request to its sender, as one wire for both directions does. A
     /// [client](crate::Client) then takes the first frame that equals its request for the echo, even if it has the form of
-    /// a response. Not needed where [`is_request`](Self::is_request) tells them apart.
+    /// a response. It knows the request in flight only: submit none before the echo of a cancelled one, and of one without
+    /// a response, has arrived. Not needed where [`is_request`](Self::is_request) tells them apart.
     fn echoes(&self) -> bool {
         false
     }
