@@ -405,8 +405,8 @@ class Ling(Open):
 
         Raises:
             ValueError: The gripper's goal is out of range; nothing is sent.
-            NotStoppedError: The arm does not come to rest within 2 s, another program or a force moves it, or it does not
-                answer: it may still move.
+            NotStoppedError: The arm does not come to rest within 2 s, another program or a force moves it, or it does
+                not answer: it may still move.
             PortLostError: The port was lost: the arm may still move.
         """
         counts, extra, is_reading = self._port.stop(_gripper(gripper_permille), hold_reading)
