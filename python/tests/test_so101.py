@@ -1,6 +1,7 @@
 import os
 import tty
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 
@@ -123,6 +124,6 @@ def test_wrong_orders_are_refused(virtual: sim.VirtualSo101, line: str, reason: 
         ({"volts": 26.0}, "supply is 26 V"),
     ],
 )
-def test_wrong_arguments_are_refused(arguments: dict, reason: str) -> None:
+def test_wrong_arguments_are_refused(arguments: dict[str, Any], reason: str) -> None:
     with pytest.raises(ValueError, match=reason):
         sim.so101(**arguments)
