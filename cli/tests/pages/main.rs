@@ -12,6 +12,7 @@ mod block;
 mod can;
 mod effects;
 mod examples;
+mod joints;
 mod lost_answer;
 mod silence;
 mod update;

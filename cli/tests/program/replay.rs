@@ -191,7 +191,7 @@ fn joint_states_of_others_are_replayed() {
 
 /// A file of joints of this repository.
 fn shipped(name: &str) -> String {
-    format!("{}/../examples/joints/{name}", env!("CARGO_MANIFEST_DIR"))
+    format!("{}/tests/{name}", env!("CARGO_MANIFEST_DIR"))
 }
 
 /// The names in the vendor's model.

@@ -353,16 +353,6 @@ fn tolerance(field: &str, stated: Option<f64>) -> Result<Option<f64>, String> {
 mod tests {
     use super::*;
 
-    /// The one block of this language in the page.
-    fn block_of_page(language: &str) -> &'static str {
-        let page = include_str!("../../../docs/joints.md");
-        let start = format!("```{language}\n");
-        let mut blocks = page.split(&*start).skip(1);
-        let block = blocks.next().and_then(|rest| rest.split("```").next()).unwrap();
-        assert_eq!(blocks.next(), None);
-        block
-    }
-
     /// The joints of the arm in a file of one arm with these joints.
     fn arm(joints: &str) -> Joints {
         let mut arms = parse(&format!("[arm.joints]\n{joints}")).unwrap();
@@ -370,28 +360,10 @@ mod tests {
     }
 
     #[test]
-    fn file_of_the_page_sets_what_it_says() {
-        let arms = parse(block_of_page("toml")).unwrap();
-        let left = &arms["left"];
-        assert_eq!(left.goal_time, Duration::from_secs_f64(0.5));
-        let [joint1, joint2, joint3, joint4, .., gripper] = &left.all;
-        assert_eq!((&*joint1.name, joint1.min, joint1.max), ("left_joint1", -2.8, 2.8));
-        assert_eq!(joint1.max_speed, Some(3.0));
-        assert_eq!(
-            (&*joint2.name, joint2.path, joint2.goal),
-            ("joint2", Some(0.3), Some(0.02))
-        );
-        assert_eq!((joint3.scale.value(0.5), joint3.min, joint3.max), (-0.5, -1.5, 0.5));
-        assert_eq!(*joint4, Joints::default().all[3]);
-        assert_eq!((&*gripper.name, gripper.scale.value(0.05)), ("left_gripper", 0.0));
-        assert_eq!(arms["right"], Joints::default());
-    }
-
-    #[test]
     fn shipped_examples_have_the_vendors_names_and_ends() {
         for (text, closed) in [
-            (include_str!("../../../examples/joints/alicia-d-moveit.toml"), -0.025),
-            (include_str!("../../../examples/joints/alicia-d-driver.toml"), 0.025),
+            (include_str!("../../examples/alicia-d-moveit.toml"), -0.025),
+            (include_str!("../../examples/alicia-d-driver.toml"), 0.025),
         ] {
             let joints = parse(text).unwrap()["alicia_d"].clone().with_stroke(Stroke::Mm50);
             assert_eq!(
