@@ -1,8 +1,8 @@
 //! Arbitrary messages of Ling.
 
 use armwire::ling::{
-    Frame, Info, JointState, Ling, MAX_DATA, MAX_FRAME, OVERHEAD, PerServo, Request, Response, SELF_CHECK, SelfCheck,
-    Stroke,
+    ForceFeedback, Frame, Info, JointState, Ling, MAX_DATA, MAX_FRAME, ModeReply, ModeState, OVERHEAD, PerServo,
+    Request, Response, SELF_CHECK, SelfCheck, Stroke,
 };
 use armwire::messages::Messages;
 use armwire_host_tests::reference::{self, Piece};
@@ -31,6 +31,9 @@ impl Subject for Ling {
             + converted(PerServo::<u8>::try_from(response))
             + converted(PerServo::<u16>::try_from(response))
             + converted(SelfCheck::try_from(response))
+            + converted(ModeReply::try_from(response))
+            + converted(ModeState::try_from(response))
+            + converted(ForceFeedback::try_from(response))
             + converted(Stroke::try_from(response));
         assert_eq!(types, 1);
     }
