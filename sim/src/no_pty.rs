@@ -23,6 +23,15 @@ impl Pty {
         match self.0 {}
     }
 
+    /// Returns the baud rate set by the last client.
+    ///
+    /// # Errors
+    ///
+    /// None.
+    pub fn baud(&self) -> io::Result<u32> {
+        match self.0 {}
+    }
+
     /// Reads the clients' bytes.
     ///
     /// # Errors

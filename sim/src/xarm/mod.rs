@@ -1,7 +1,7 @@
 //! A virtual xArm.
 //!
 //! [`VirtualXArm`] is the control box: it answers the requests of any number of clients and creates reports. `body.rs`
-//! has joint motion. [`Server`] serves it on TCP ports.
+//! has joint motion. `Server` serves it on TCP ports, where there are any.
 //!
 //! Besides the registers of the document it has those that the vendor's Python SDK needs to connect, to stay connected
 //! and to move joints:
@@ -36,6 +36,7 @@ mod body;
 mod geometry;
 mod profile;
 mod report;
+#[cfg(any(unix, windows))]
 mod server;
 #[cfg(test)]
 mod tests;
@@ -50,6 +51,7 @@ use body::{Body, Refused, Target};
 use geometry::Frame;
 pub use geometry::Model;
 pub use report::REPORT;
+#[cfg(any(unix, windows))]
 pub use server::{BindError, Notice, Port, Served, Server};
 
 /// Number of parameters of a refused register that is not in the document, all zero. The SDK's longest list of numbers,
