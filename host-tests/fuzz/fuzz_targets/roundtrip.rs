@@ -11,13 +11,15 @@ use armwire::framing::{Framing, Scan};
 use armwire::ling::arrival::{Arrival, Arrived, Tolerances};
 use armwire::ling::effect::{Effect, EffectError, Output, ReadBack, Verdict};
 use armwire::ling::legacy::{self, Legacy};
+use armwire::ling::mode_change;
 use armwire::ling::stop::{self, StopError, Stopped};
 use armwire::ling::{
-    self, GripperSpeed, JointState, Kind, Ling, MotionStatus, Move, Opening, PerServo, Position, Request, SelfCheck,
-    SerialNumber, Speed, Stop, Stroke, TemperatureLimit, Torque, Version,
+    self, ControlMode, GripperSpeed, JointState, Kind, Ling, ModeChange, ModeReply, ModeResult, ModeState,
+    MotionStatus, Move, Opening, PerServo, Position, Request, SelfCheck, SerialNumber, Speed, Stop, Stroke,
+    TemperatureLimit, Torque, Version,
 };
 use armwire::time::Instant;
-use armwire::xarm::{self, Raw, RotationRadius, SerialsText, State, VersionText, XArm};
+use armwire::xarm::{self, Codes, Raw, Reply, RotationRadius, SerialsText, State, VersionText, XArm};
 use armwire::{BufferTooShort, EncodeError, OutOfRange};
 use armwire_bridge::can::command::Command;
 use armwire_bridge::can::telemetry::{Errors, Sample, event_from_frame, event_to_frame};
@@ -435,6 +437,8 @@ fn adapter_values(u: &mut Unstructured<'_>) -> Result<()> {
             }
         }
     }
+    mode_changes(u.arbitrary()?, u.arbitrary()?);
+    codes(byte);
     Ok(())
 }
 
@@ -493,6 +497,65 @@ fn stops(state: &JointState) {
             Ok(Stopped::AtRest { deviations, .. }) => assert!(deviations.are_small()),
             Ok(Stopped::WithoutTorque(_)) => assert!(state.status.is_torque_off()),
             Err(error) => assert!(matches!(error, StopError::Position(_)) && state.positions().is_err()),
+        }
+    }
+}
+
+/// The codes of an xArm are read from its answer, and each has its number in its text.
+fn codes(byte: u8) {
+    for (error, warning) in [(byte, 0), (0, byte), (31, byte), (byte, 11)] {
+        let params = [error, warning];
+        let raw = Raw::new(Codes::REGISTER, &params).expect("two parameters fit");
+        let codes = Codes::try_from(Reply::Raw(raw)).expect("it is their register");
+        assert_eq!((codes.error.0, codes.warning.0), (error, warning));
+        let text = codes.to_string();
+        assert!(
+            [error, warning]
+                .iter()
+                .all(|code| *code == 0 || text.contains(&code.to_string()))
+        );
+        let is_meant = codes.error.meaning().is_some() || codes.warning.meaning().is_some();
+        assert_eq!(text.contains('('), is_meant, "{text}");
+        let other = Codes::try_from(Reply::SystemControl(1)).unwrap_err();
+        assert!(!other.to_string().is_empty());
+    }
+}
+
+/// The end of each change of the mode is that of its answer and readings, which are all the same or missing.
+fn mode_changes(state: ModeState, reply: ModeReply) {
+    for mode in [ControlMode::Position, ControlMode::Current] {
+        for (is_accepted, answers) in [(true, true), (true, false), (false, true), (false, false)] {
+            let result = if is_accepted {
+                ModeResult::Accepted
+            } else {
+                reply.result
+            };
+            let requested = if is_accepted { mode as u8 } else { reply.requested };
+            let mut change = ModeChange::new(mode);
+            let mut now = Instant::ZERO;
+            let end = loop {
+                match change.poll(now) {
+                    mode_change::Output::Request(Request::ReadMode) if answers => {
+                        now += armwire::time::Duration::from_millis(1);
+                        change.on_mode(now, &state);
+                    }
+                    mode_change::Output::Request(Request::SetMode(sent)) => {
+                        assert_eq!(sent, change.mode());
+                        change.on_reply(&ModeReply { requested, result });
+                    }
+                    mode_change::Output::Request(_) => {}
+                    mode_change::Output::Wait(until) => now = until,
+                    mode_change::Output::Done(end) => break end,
+                }
+            };
+            let is_refused = requested == mode as u8 && result != ModeResult::Accepted;
+            match end {
+                Ok(applied) => assert!(answers && applied.mode == mode && !is_refused),
+                Err(error) => {
+                    assert!(is_refused || !answers || state.mode != mode);
+                    assert!(!error.to_string().is_empty());
+                }
+            }
         }
     }
 }
