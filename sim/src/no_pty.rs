@@ -32,6 +32,15 @@ impl Pty {
         match self.0 {}
     }
 
+    /// Sets the baud rate, as a client would.
+    ///
+    /// # Errors
+    ///
+    /// None.
+    pub fn set_baud(&self, _baud: u32) -> io::Result<()> {
+        match self.0 {}
+    }
+
     /// Reads the clients' bytes.
     ///
     /// # Errors
