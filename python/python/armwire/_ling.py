@@ -244,8 +244,7 @@ class Ling(Open):
             `read_temperatures_celsius`, `read_stroke_mm`
             `self_check`, `self_check_mask`, `line_errors`
     Newest  `reader`: a thread reads, and the newest pose is there at once
-    Move    `move_deg`, `move_rad`: the arm moves at once
-            `wait_until_at_deg`, `wait_until_at_rad`
+    Move    `move_deg`, `move_rad`: at once. `wait_until_at_deg`, `wait_until_at_rad`
     Stop    `stop`: not an emergency stop
             `park`: slowly to where the arm lies, then torque off
             `save_park_pose`, `read_park_pose_deg`
