@@ -29,7 +29,8 @@ def test_every_call_passes_the_adapter(board: Path, port: str) -> None:
         assert arm.self_check() == ()
         arm.set_temperature_limit_celsius(85)
         arm.set_zero()
-        assert np.abs(arm.read_joints_deg()).max() < 0.3
+        # Without torque a loaded joint sinks.
+        assert np.abs(arm.read_joints_deg()).max() < 1.5
         assert arm.line_errors() == armwire.LineErrors(0, 0)
 
 
