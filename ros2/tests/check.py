@@ -744,7 +744,7 @@ def vendors_model(participant):
     names = [*(f"Joint{n}" for n in range(1, 7)), "Gripper"]
     # A finger of the gripper with 50 mm: 0 is open, and -0.025 closed.
     peer.send([[*GOAL, -0.02]], names=names)
-    until(lambda: peer.is_at(GOAL) and abs(peer.latest.position[6] + 0.02) < 1e-4, 5, "the model is at its goal")
+    until(lambda: peer.is_at(GOAL) and abs(peer.latest.position[6] + 0.02) < 1e-5, 5, "the model is at its goal")
     assert list(peer.latest.name) == names, peer.latest
     peer.send([[0.02]], names=["Gripper"])
     refusal = 'trajectory refused: point 0: "Gripper" at 0.02 is out of range -0.0250 to 0.0000'
