@@ -12,7 +12,7 @@ use armwire::{Config, EncodeError};
 
 use crate::{Expect, Feetech, MAX_FRAME, Request, Status};
 
-/// What a [`Host`] found on the line.
+/// An event on the line of a [`Host`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Event<'a> {
     /// An answer to the request.

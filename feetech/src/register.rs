@@ -14,7 +14,7 @@
 
 use armwire::OutOfRange;
 
-/// What a write of a register does.
+/// The effect of a write to a register.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Access {
     /// Nothing.

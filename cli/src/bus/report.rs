@@ -49,7 +49,7 @@ impl Kind {
     }
 }
 
-/// What was found, and what to do.
+/// A finding, with advice.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Finding {
     pub(super) kind: Kind,

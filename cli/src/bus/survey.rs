@@ -22,7 +22,7 @@ const READINGS: (u8, u8) = (
     register::CURRENT.address + 2 - register::TORQUE.address,
 );
 
-/// What a survey knows of a servo.
+/// The counts and readings of a servo.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Servo {
     pub(super) id: u8,
@@ -76,7 +76,7 @@ fn value(bytes: &[u8], first: u8, row: Register) -> Option<i32> {
     Some(row.value([bytes[0], high]))
 }
 
-/// What a request was for.
+/// The purpose of a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum What {
     /// A servo with this id.

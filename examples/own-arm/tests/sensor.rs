@@ -21,7 +21,7 @@ struct Line {
     sends: u32,
     /// The most bytes of a read or a write.
     chunk: usize,
-    /// What happens to the next answers.
+    /// The faults of the next answers, in order.
     faults: VecDeque<Fault>,
     echoes: bool,
     /// It reports more bytes than it was given.

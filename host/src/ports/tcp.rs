@@ -149,7 +149,7 @@ impl Line for Tcp {
 }
 
 impl Tcp {
-    /// What the connection is to, in words.
+    /// The other end of the connection, in words.
     fn peer(&self) -> &'static str {
         match self.is_serial {
             true => "server",
