@@ -492,6 +492,7 @@ impl<M: Messages, const N: usize> Outgoing<M, N> {
 /// that waits is preceded by a [fence](Messages::FENCES), a read with another key. An unanswered fence is followed by the
 /// next one after [`Config::latency`], and after twice that time again. An arm that answers no fence, or out of order, and
 /// a line that loses most of them, are recognised: there an answer counts as lost at the end of [`Config::stale_window`].
+/// Until a fence is answered, it counts as lost after 2 s, or after that window if it is longer.
 ///
 /// # A call
 ///
