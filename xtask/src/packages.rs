@@ -10,6 +10,7 @@ use crate::cargo::{cargo, target_dir};
 use crate::files::empty_folder;
 use crate::process::run;
 use crate::readme;
+use crate::toolchain::cargo_for;
 use crate::vendor::background::Background;
 use crate::workspace::root;
 
@@ -40,6 +41,10 @@ const EXAMPLES: [(&str, &str, bool); 3] = [
     ("armwire-host", "joints", false),
 ];
 
+/// The protocol that is not the engine's, and a target without `std`.
+const FOREIGN: &str = "armwire-feetech";
+const NO_STD: &str = "thumbv6m-none-eabi";
+
 /// The page with programs for a PC, and the heading between them.
 const PC: &str = "docs/pc.md";
 const SECOND: &str = "\n### Over a port of your own\n";
@@ -52,9 +57,9 @@ pub(crate) enum Tests {
     Compile,
 }
 
-/// Publishes the crates without an upload, and packages them. Builds their tests and examples from their `.crate` files,
-/// builds and runs the examples of their READMEs with these files only, and moves a virtual arm with each program in
-/// [`PC`].
+/// Publishes the crates without an upload, and packages them. Builds [`FOREIGN`] alone, and the tests and examples of all,
+/// from their `.crate` files, builds and runs the examples of their READMEs with these files only, and moves a virtual arm
+/// with each program in [`PC`].
 ///
 /// # Errors
 ///
@@ -65,6 +70,7 @@ pub(crate) fn check(tests: Tests) -> Result<()> {
     empty_folder(&crates)?;
     publish()?;
     unpack(&crates)?;
+    build_alone(FOREIGN, &crates)?;
     test(&crates, tests)?;
     run_examples(&crates)?;
     LIBRARIES
@@ -99,16 +105,31 @@ fn unpack(crates: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Runs or compiles the tests of the unpacked crates, which depend on one another and on no other file of the repository.
-fn test(crates: &Path, tests: Tests) -> Result<()> {
-    let members = PACKAGES.map(versioned);
+/// Builds a crate as a stranger does: with the versions of its own lock file, and no feature that another crate asks for.
+fn build_alone(package: &str, crates: &Path) -> Result<()> {
+    println!("{package}: alone, for {NO_STD}");
+    let package = versioned(package);
+    let lock = crates.join(&package).join("Cargo.lock");
+    make_workspace(crates, &[package], &lock)?;
+    run(cargo_for(NO_STD, "build --quiet")?.current_dir(crates))
+}
+
+/// Makes a workspace of unpacked crates, which depend on one another and on no other file of the repository, with the
+/// versions of a lock file.
+fn make_workspace(crates: &Path, members: &[String], lock: &Path) -> Result<()> {
     let workspace = format!(
         "[workspace]\nresolver = \"3\"\nmembers = {members:?}\n{}\n{}",
         patch(crates),
         profiles()?
     );
     fs::write(crates.join("Cargo.toml"), workspace)?;
-    fs::copy(root().join("Cargo.lock"), crates.join("Cargo.lock"))?;
+    fs::copy(lock, crates.join("Cargo.lock"))?;
+    Ok(())
+}
+
+/// Runs or compiles the tests of the unpacked crates.
+fn test(crates: &Path, tests: Tests) -> Result<()> {
+    make_workspace(crates, &PACKAGES.map(versioned), &root().join("Cargo.lock"))?;
     let words = match tests {
         Tests::Run => "test --quiet --features armwire/async",
         Tests::Compile => "check --quiet --all-targets --features armwire/async",
