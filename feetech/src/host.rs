@@ -1,13 +1,10 @@
 //! A host for requests with several answers: each is a send of its own in an [`Exchange`].
 
-use core::num::NonZeroU32;
-
-use armwire::correlation::ResponseTiming;
 use armwire::decoder::{Decoder, Item, Kind};
 use armwire::exchange::{Exchange, FirstByte, Handover, Match};
 use armwire::framing::Reason;
 use armwire::messages::Messages;
-use armwire::time::{Duration, Instant};
+use armwire::time::Instant;
 use armwire::{Config, EncodeError};
 
 use crate::{Expect, Feetech, MAX_FRAME, Request, Status};
@@ -76,23 +73,23 @@ impl<const N: usize> Host<N> {
     ///
     /// As [`Messages::encode_request`].
     pub fn send(&mut self, request: &Request, now: Instant, out: &mut [u8]) -> Result<Option<usize>, EncodeError> {
-        let n = self.protocol.encode_request(request, out)?;
+        let (protocol, exchange) = (self.protocol, &mut self.exchange);
+        let n = protocol.encode_request(request, out)?;
         let frame = out.get(..n).unwrap_or_default();
-        self.exchange.expire(now);
-        if !self
-            .protocol
+        exchange.expire(now);
+        if !protocol
             .answers(frame)
-            .all(|info| self.exchange.can_send(&info, info.key.id))
+            .all(|info| exchange.can_send(&info, info.key.id))
         {
             return Ok(None);
         }
-        let echo = if self.protocol.echoes { n } else { 0 };
+        let echo = if protocol.echoes { n } else { 0 };
         // Behind the echoes of earlier requests, which may still be due.
-        let begun = self.decoder.received().max(self.behind_echo);
-        let (offset, at) = (begun + echo as u64, now + self.on_wire(n));
-        for info in self.protocol.answers(frame) {
-            let due = at + info.response.map_or(Duration::ZERO, |response| self.timeout(response));
-            self.exchange.begin(info, info.key.id, Handover { offset, at, due });
+        let offset = self.decoder.received().max(self.behind_echo) + echo as u64;
+        for info in protocol.answers(frame) {
+            let timeout = info.response.map(|response| self.config.timeout(n, response));
+            let due = now + timeout.unwrap_or_default();
+            exchange.begin(info, info.key.id, Handover { offset, at: now, due });
         }
         self.behind_echo = offset;
         Ok(Some(n))
@@ -117,16 +114,5 @@ impl<const N: usize> Host<N> {
             Match::Late { .. } => Event::Late(status),
             Match::Unsolicited => Event::Unsolicited(status),
         })
-    }
-
-    /// The longest time from the end of a request to the end of an answer.
-    fn timeout(&self, response: ResponseTiming) -> Duration {
-        self.on_wire(response.longest.into()) + response.turnaround + self.config.latency
-    }
-
-    /// The time of `len` bytes on the line, ten bits each.
-    fn on_wire(&self, len: usize) -> Duration {
-        let micros = |baud: NonZeroU32| (10_000_000 * len as u64).div_ceil(baud.get().into());
-        Duration::from_micros(self.config.baud.map_or(0, micros))
     }
 }

@@ -96,8 +96,8 @@ impl Config {
         Duration::from_micros(whole + u64::from(rest))
     }
 
-    /// The timeout of an answer, from the handover of the last byte of its request of `len` bytes.
-    fn timeout(&self, len: usize, response: ResponseTiming) -> Duration {
+    /// The timeout of an answer, from the handover of its request of `len` bytes.
+    pub fn timeout(&self, len: usize, response: ResponseTiming) -> Duration {
         self.on_wire(len.saturating_add(response.longest.into())) + response.turnaround + self.latency
     }
 }
