@@ -4,7 +4,7 @@ use armwire::correlation::{Correlation, Effect, InfoOf, RequestInfo, ResponseTim
 use armwire::time::Duration;
 
 use crate::frame::code;
-use crate::{BROADCAST, Expect, Feetech, register};
+use crate::{BROADCAST, Expect, Feetech, MAX_ID, register};
 
 /// The longest time of a servo for a request, besides its return delay. A guess.
 const TURNAROUND: Duration = Duration::from_micros(100);
@@ -32,17 +32,22 @@ impl Feetech {
         }
     }
 
+    /// The properties of a read that is the `nth` answer.
+    fn read(&self, key: Key, nth: u16) -> InfoOf<Self> {
+        self.info(key, nth, Effect::Read, key.id <= MAX_ID)
+    }
+
     /// The answers of a request, in their order: several to SYNC_READ, else at most one. A PING of [`BROADCAST`] has an
     /// unknown number of them, and counts as one.
     pub fn answers(&self, frame: &[u8]) -> impl Iterator<Item = InfoOf<Self>> {
-        let (len, others) = match *frame {
-            [_, _, _, _, code::SYNC_READ, _, len, _, ref others @ .., _] => (len, others),
+        let (len, ids) = match *frame {
+            [_, _, _, _, code::SYNC_READ, _, len, ref ids @ .., _] => (len, ids),
             _ => (0, &[][..]),
         };
-        let others = (2..).zip(others).map(move |(nth, &id)| (Key { id, len }, nth));
-        let others = others.map(|(key, nth)| self.info(key, nth, Effect::Read, true));
-        let first = self.request(frame).filter(|info| info.response.is_some());
-        first.into_iter().chain(others)
+        let reads = (1..).zip(ids).map(move |(nth, &id)| self.read(Key { id, len }, nth));
+        let single = self.request(frame).filter(|_| ids.is_empty());
+        let answers = single.into_iter().chain(reads);
+        answers.filter(|info| info.response.is_some())
     }
 }
 
@@ -66,14 +71,13 @@ impl Correlation for Feetech {
         let [_, _, id, _, code, ref data @ .., _] = *frame else {
             return None;
         };
-        let read = |id, len| self.info(Key { id, len }, 1, Effect::Read, true);
         let is_answered = self.acknowledges && id != BROADCAST && code != code::REBOOT;
         let change = |effect| self.info(Key { id, len: 0 }, 1, effect, is_answered);
         Some(match (code, data) {
             // The key matches no answer to a PING of all servos: each is of another id.
-            (code::PING, _) => read(id, 0),
-            (code::READ, &[_, len]) => read(id, len),
-            (code::SYNC_READ, &[_, len, first, ..]) => read(first, len),
+            (code::PING, _) => self.info(Key { id, len: 0 }, 1, Effect::Read, true),
+            (code::READ, &[_, len]) => self.read(Key { id, len }, 1),
+            (code::SYNC_READ, &[_, len, id, ..]) => self.read(Key { id, len }, 1),
             // That of the first servo: behind its data are ids.
             (code::SYNC_WRITE, &[address, len, _, ref data @ ..]) => {
                 change(effect(address, data.get(..len.into()).unwrap_or(data)))

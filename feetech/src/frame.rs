@@ -20,6 +20,9 @@ use crate::Feetech;
 /// The longest packet, in bytes: the limit of the maker's SDK.
 pub const MAX_FRAME: usize = 250;
 
+/// The highest id of a servo.
+pub const MAX_ID: u8 = 253;
+
 /// The id that addresses all servos. None answers to it, except to PING.
 pub const BROADCAST: u8 = 0xFE;
 
@@ -48,10 +51,10 @@ pub(crate) mod code {
 /// The complement of the sum of `bytes`: the checksum of a packet whose bytes between header and checksum they are.
 ///
 /// ```
-/// assert_eq!(armwire_feetech::checksum(&[0x01, 0x02, 0x01]), 0xFB); // ping of servo 1
+/// assert_eq!(armwire_feetech::checksum([0x01, 0x02, 0x01]), 0xFB); // ping of servo 1
 /// ```
-pub fn checksum(bytes: &[u8]) -> u8 {
-    !bytes.iter().fold(0, |sum: u8, byte| sum.wrapping_add(*byte))
+pub fn checksum(bytes: impl IntoIterator<Item = u8>) -> u8 {
+    !bytes.into_iter().fold(0, u8::wrapping_add)
 }
 
 /// The side that sends the next packet. No answer comes from [`BROADCAST`].
@@ -83,7 +86,7 @@ impl Framing for Feetech {
                 Scan::Noise(1, Reason::Length { min, max, got })
             }
             [_, _, _, len, ..] => match window.get(2..usize::from(len) + OVERHEAD) {
-                Some(&[ref covered @ .., got]) => match checksum(covered) {
+                Some(&[ref covered @ .., got]) => match checksum(covered.iter().copied()) {
                     expected if expected == got => Scan::Frame(covered.len() + 3),
                     expected => Scan::Noise(1, Reason::Checksum { expected, got }),
                 },

@@ -63,7 +63,7 @@ pub mod register;
 mod text;
 
 pub use correlation::Key;
-pub use frame::{BROADCAST, Expect, MAX_FRAME, checksum};
+pub use frame::{BROADCAST, Expect, MAX_FRAME, MAX_ID, checksum};
 pub use host::{Event, Host};
-pub use message::{ERRORS, MAX_ID, Request, Status};
+pub use message::{ERRORS, Request, Status};
 pub use protocol::Feetech;

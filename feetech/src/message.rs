@@ -4,11 +4,9 @@ use armwire::framing::write;
 use armwire::messages::Messages;
 use armwire::{BufferTooShort, Cause, EncodeError, MessageId, OutOfRange, ParseError};
 
-use crate::frame::code;
-use crate::{BROADCAST, Expect, Feetech, Key, MAX_FRAME};
-
-/// The highest id of a servo.
-pub const MAX_ID: u8 = 253;
+use crate::frame::{checksum, code};
+use crate::register::within;
+use crate::{BROADCAST, Expect, Feetech, Key, MAX_FRAME, MAX_ID};
 
 /// A packet of the host. `id` is a servo, 0 to 253, or [`BROADCAST`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -90,23 +88,29 @@ fn put(out: &mut [u8], id: u8, code: u8, data: impl Iterator<Item = u8> + Clone)
     // No length byte states a longer packet.
     let most = out.len().min(MAX_FRAME);
     let out = out.get_mut(..most).unwrap_or_default();
-    let covered = [id, (data.clone().count() as u8).wrapping_add(2), code]
-        .into_iter()
-        .chain(data);
-    let check = !covered.clone().fold(0, |sum: u8, byte| sum.wrapping_add(byte));
+    let len = (data.clone().count() as u8).wrapping_add(2);
+    let covered = [id, len, code].into_iter().chain(data);
+    let check = checksum(covered.clone());
     write(out, [0xFF, 0xFF].into_iter().chain(covered).chain([check]))
 }
 
-/// Returns true if the data of a SYNC_WRITE is an id and `len` bytes for each servo.
-fn is_for_each(len: u8, data: &[u8]) -> bool {
-    data.len().is_multiple_of(usize::from(len) + 1)
-}
-
-/// The id, the code and the data of a packet.
-fn split(frame: &[u8]) -> Result<(u8, u8, &[u8]), ParseError> {
-    match *frame {
-        [_, _, id, _, code, ref data @ .., _] => Ok((id, code, data)),
-        _ => Err(ParseError::NO_FRAME),
+/// Checks the servos of a request to several, and that each has its data.
+fn check_servos(request: &Request<'_>) -> Result<(), OutOfRange> {
+    let (data, len) = match *request {
+        Request::SyncRead { ids, .. } => (ids, 0),
+        Request::SyncWrite { len, data, .. } => (data, len),
+        _ => return Ok(()),
+    };
+    let (size, len) = (usize::from(len) + 1, u16::from(len));
+    let ids = data.iter().step_by(size);
+    for id in ids.clone() {
+        within("id", "", (*id).into(), 0..=MAX_ID.into())?;
+        let count = ids.clone().filter(|other| *other == id).count();
+        within("count of one id", "", count as u16, 1..=1)?;
+    }
+    match data.len() % size {
+        0 => Ok(()),
+        cut => within("data of the last servo", "bytes", cut as u16 - 1, len..=len),
     }
 }
 
@@ -115,7 +119,9 @@ fn refusal(code: u8, got: usize) -> ParseError {
     let message = MessageId::Command(code);
     let cause = match code {
         code::READ => Cause::Length { expected: &[2], got },
-        code::PING | code::ACTION..=code::RESET_TURNS => Cause::Length { expected: &[0], got },
+        code::PING | code::ACTION | code::FACTORY_RESET | code::REBOOT | code::RESET_TURNS => {
+            Cause::Length { expected: &[0], got }
+        }
         _ => Cause::Unknown,
     };
     ParseError { message, cause }
@@ -129,24 +135,21 @@ impl Messages for Feetech {
 
     /// # Errors
     ///
-    /// [`EncodeError`] also for an id above [`BROADCAST`], and for a packet of more than [`MAX_FRAME`] bytes.
+    /// [`EncodeError`] also for an id above [`BROADCAST`], and for a packet of more than [`MAX_FRAME`] bytes. For several
+    /// servos: for an id above [`MAX_ID`] or twice, and for data that is not an id and `len` bytes for each.
     fn encode_request(&self, request: &Request<'_>, out: &mut [u8]) -> Result<usize, EncodeError> {
         let (_, code, id, head, rest) = request.parts();
         let data = head.into_iter().flatten().chain(rest.iter().copied());
         let len = u16::try_from(data.clone().count()).unwrap_or(u16::MAX);
-        for (what, unit, got, max) in [
-            ("id", "", id.into(), BROADCAST.into()),
-            ("data", "bytes", len, MAX_DATA),
-        ] {
-            if got > max {
-                return Err(OutOfRange::new(what, unit, got, 0, max).into());
-            }
-        }
+        within("id", "", id.into(), 0..=BROADCAST.into())?;
+        within("data", "bytes", len, 0..=MAX_DATA)?;
+        check_servos(request)?;
         Ok(put(out, id, code, data)?)
     }
 
     fn parse_request<'a>(&self, frame: &'a [u8]) -> Result<Request<'a>, ParseError> {
-        let (id, code, data) = split(frame)?;
+        // A packet is the same in both directions.
+        let Status { id, error: code, data } = self.parse_response(frame, Expect::Requests)?;
         let (is_to_all, len_of_data) = (id == BROADCAST, data.len());
         Ok(match (code, data) {
             (code::PING, []) => Request::Ping { id },
@@ -158,7 +161,9 @@ impl Messages for Feetech {
             (code::REBOOT, []) => Request::Reboot { id },
             (code::RESET_TURNS, []) => Request::ResetTurns { id },
             (code::SYNC_READ, &[address, len, ref ids @ ..]) if is_to_all => Request::SyncRead { address, len, ids },
-            (code::SYNC_WRITE, &[address, len, ref data @ ..]) if is_to_all && is_for_each(len, data) => {
+            (code::SYNC_WRITE, &[address, len, ref data @ ..])
+                if is_to_all && data.len() % (usize::from(len) + 1) == 0 =>
+            {
                 Request::SyncWrite { address, len, data }
             }
             _ => return Err(refusal(code, len_of_data)),
@@ -170,7 +175,9 @@ impl Messages for Feetech {
     }
 
     fn parse_response<'a>(&self, frame: &'a [u8], _expect: Expect) -> Result<Status<'a>, ParseError> {
-        let (id, error, data) = split(frame)?;
-        Ok(Status { id, error, data })
+        match *frame {
+            [_, _, id, _, error, ref data @ .., _] => Ok(Status { id, error, data }),
+            _ => Err(ParseError::NO_FRAME),
+        }
     }
 }

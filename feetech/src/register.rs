@@ -12,6 +12,8 @@
 //! * The sign of `goal-time` is bit 11 by `T`, 10 by `S`; that of `current` is stated by feetech-cli alone.
 //! * Rows without `T` have the range of their bytes, and no known factory setting: values of the virtual arm.
 
+use core::ops::RangeInclusive;
+
 use armwire::OutOfRange;
 
 /// The effect of a write to a register.
@@ -64,11 +66,22 @@ impl Register {
     ///
     /// [`OutOfRange`] outside `min..=max`.
     pub fn bytes(self, value: i32) -> Result<[u8; 2], OutOfRange<i32>> {
-        if !(self.min..=self.max).contains(&value) {
-            return Err(OutOfRange::new(self.name, self.unit, value, self.min, self.max));
-        }
+        within(self.name, self.unit, value, self.min..=self.max)?;
         let sign = if value < 0 { self.sign } else { 0 };
         Ok((value.unsigned_abs() as u16 | sign).to_le_bytes())
+    }
+}
+
+/// Checks a value.
+pub(crate) fn within<T: Copy + PartialOrd>(
+    what: &'static str,
+    unit: &'static str,
+    got: T,
+    range: RangeInclusive<T>,
+) -> Result<(), OutOfRange<T>> {
+    match range.contains(&got) {
+        true => Ok(()),
+        false => Err(OutOfRange::new(what, unit, got, *range.start(), *range.end())),
     }
 }
 

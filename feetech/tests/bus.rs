@@ -178,6 +178,17 @@ fn writes_are_acknowledged_unless_stated_or_to_all() {
 }
 
 #[test]
+fn only_a_ping_of_all_is_answered() {
+    let bus = Feetech::default();
+    let ids = |frame: &[u8]| bus.answers(frame).map(|info| info.key.id).collect::<Vec<_>>();
+    assert_eq!(ids(&answer(BROADCAST, 0x01, &[])), [BROADCAST]);
+    assert_eq!(ids(&answer(BROADCAST, 0x02, &[56, 2])), [0; 0]);
+    // Of another host: its ids are those of no servo, or of all.
+    assert_eq!(ids(&answer(BROADCAST, 0x82, &[56, 2, BROADCAST, 1, 0xFF, 2])), [1, 2]);
+    assert_eq!(ids(&answer(BROADCAST, 0x82, &[56, 2])), [0; 0]);
+}
+
+#[test]
 fn effects_are_those_of_the_registers() {
     let effect = |request: Request| {
         let mut out = [0; MAX_FRAME];

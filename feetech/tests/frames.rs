@@ -149,7 +149,12 @@ fn wrong_requests_are_refused_with_their_cause() {
     // To one servo; not an id and two bytes for each.
     assert_eq!(refusal("FF FF 01 05 82 38 02 01 3C"), "command 82: unknown");
     assert_eq!(refusal("FF FF FE 06 83 2A 02 01 00 4B"), "command 83: unknown");
-    assert_eq!(refusal("FF FF 01 02 55 A7"), "command 55: unknown");
+    for (text, cause) in [
+        ("FF FF 01 02 07 F5", "command 07: unknown"),
+        ("FF FF 01 02 55 A7", "command 55: unknown"),
+    ] {
+        assert_eq!(refusal(text), cause);
+    }
     assert!(Feetech::default().parse_request(&[0xFF]).is_err());
 }
 
@@ -179,6 +184,36 @@ fn packet_that_no_byte_can_state_is_not_written() {
         error.unwrap_err().to_string(),
         "the message takes 6 bytes, the buffer has 5"
     );
+}
+
+#[test]
+fn servos_of_a_request_to_several_are_checked() {
+    let refusal = |request: Request| {
+        let mut out = [0xEE; MAX_FRAME];
+        let error = Feetech::default().encode_request(&request, &mut out).unwrap_err();
+        assert_eq!(out, [0xEE; MAX_FRAME]);
+        error.to_string()
+    };
+    let (address, len) = (42, 2);
+    for (ids, text) in [
+        (&[1, BROADCAST][..], "id is 254, must be 0..=253"),
+        (&[255][..], "id is 255, must be 0..=253"),
+        (&[3, 1, 2, 1][..], "count of one id is 2, must be 1..=1"),
+    ] {
+        assert_eq!(refusal(Request::SyncRead { address, len, ids }), text);
+        let data: Vec<u8> = ids.iter().flat_map(|id| [*id, 0, 8]).collect();
+        let data = &data[..];
+        assert_eq!(refusal(Request::SyncWrite { address, len, data }), text);
+    }
+    for (data, text) in [
+        (&[1, 0, 8, 2, 0][..], "data of the last servo is 1 bytes, must be 2..=2"),
+        (&[1, 0, 8, 2][..], "data of the last servo is 0 bytes, must be 2..=2"),
+    ] {
+        assert_eq!(refusal(Request::SyncWrite { address, len, data }), text);
+    }
+    // A value may equal an id.
+    let data = &[1, 2, 1, 2, 1, 2];
+    assert_eq!(encoded(&Request::SyncWrite { address, len, data }).len(), 14);
 }
 
 #[test]
@@ -283,7 +318,13 @@ proptest! {
         let status = Feetech::default().parse_response(&out[..n], Expect::Responses).unwrap();
         prop_assert_eq!((status.id, status.error, status.data), (id, code, &data[..]));
         if let Ok(request) = Feetech::default().parse_request(&out[..n]) {
-            prop_assert_eq!(encoded(&request), &out[..n]);
+            let mut again = [0; MAX_FRAME];
+            // Another host may name no servo, or one twice.
+            let is_to_several = matches!(request, Request::SyncRead { .. } | Request::SyncWrite { .. });
+            match Feetech::default().encode_request(&request, &mut again) {
+                Ok(_) => prop_assert_eq!(&again[..n], &out[..n]),
+                Err(_) => prop_assert!(is_to_several),
+            }
         }
     }
 }
