@@ -105,7 +105,7 @@ impl So101 {
     ///
     /// # Errors
     ///
-    /// [`OrderError`] if the bus has no such servo, or a hand cannot move it. Nothing happens then.
+    /// [`OrderError`] if the bus has no such servo, or a hand cannot move it there. Nothing happens then.
     pub fn order(&mut self, now: Instant, order: Order) -> Result<Vec<String>, OrderError> {
         self.arm.advance(now);
         match order {
@@ -113,8 +113,7 @@ impl So101 {
             Order::Sag(steps) => self.arm.set_sag(steps),
             Order::Hand { id, position } => {
                 let index = self.arm.index(id)?;
-                let is_moved = self.arm.servos[index].push(position);
-                return is_moved.then(Vec::new).ok_or(OrderError::Holds(id));
+                self.arm.servos[index].push(position)?;
             }
             Order::Silent { id } => self.arm.faults.silence(self.arm.index(id)?),
             Order::Clear => {

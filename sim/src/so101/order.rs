@@ -4,6 +4,7 @@ use std::error::Error;
 use std::fmt;
 use std::str::FromStr;
 
+use armwire::OutOfRange;
 use armwire::time::Duration;
 use armwire_feetech::MAX_ID;
 
@@ -162,6 +163,8 @@ pub enum OrderError {
     NoServo(u8),
     /// Servo that a hand cannot move: its torque is on.
     Holds(u8),
+    /// Position that the servo cannot report.
+    Position { id: u8, error: OutOfRange<i32> },
 }
 
 impl fmt::Display for OrderError {
@@ -174,6 +177,7 @@ impl fmt::Display for OrderError {
             Self::Form { order, form } => write!(f, "'{}': expected {form}", order.escape_debug()),
             Self::NoServo(id) => write!(f, "no servo has id {id}"),
             Self::Holds(id) => write!(f, "servo {id} holds its position"),
+            Self::Position { id, error } => write!(f, "servo {id}: {error}"),
         }
     }
 }

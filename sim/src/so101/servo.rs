@@ -1,8 +1,10 @@
 //! A virtual STS3215: its registers, and what a write of them does.
 
+use armwire::OutOfRange;
 use armwire::time::{Duration, Instant};
 use armwire_feetech::register::{self, Access, REGISTERS, Register};
 
+use super::order::OrderError;
 use super::plant::{Drive, FASTEST, Plant, STEP, TURN};
 
 /// Bits of an error byte.
@@ -104,21 +106,27 @@ impl Servo {
         self.plant.sag = sag;
     }
 
-    /// Moves it by hand, until it reports this position. False if it holds its own.
-    pub(super) fn push(&mut self, to: i16) -> bool {
+    /// Moves it by hand, until it reports this position.
+    pub(super) fn push(&mut self, to: i16) -> Result<(), OrderError> {
+        let id = self.id();
         if self.has_torque() {
-            return false;
+            return Err(OrderError::Holds(id));
         }
         let here = self.plant.position() - self.offset();
         // The same turn, unless the turns are counted.
-        let turns = if self.counts_turns() {
-            0.0
+        let (turns, min, max) = if self.counts_turns() {
+            (0.0, register::POSITION.min, register::POSITION.max)
         } else {
-            (here / TURN).floor() * TURN
+            ((here / TURN).floor() * TURN, 0, TURN as i32 - 1)
         };
+        let (what, unit, got) = (register::POSITION.name, register::POSITION.unit, i32::from(to));
+        if !(min..=max).contains(&got) {
+            let error = OutOfRange::new(what, unit, got, min, max);
+            return Err(OrderError::Position { id, error });
+        }
         self.plant.push(f64::from(to) + turns + self.offset());
         self.show();
-        true
+        Ok(())
     }
 
     /// Moves until `now`.
@@ -244,21 +252,23 @@ impl Servo {
             self.make_middle();
         }
         if is_written(register::GOAL_POSITION) {
-            self.set_goal();
+            self.set_goal(true);
             self.put_value(register::TORQUE, 1);
         } else if self.has_torque() && !had_torque {
-            self.set_goal();
+            self.set_goal(false);
         }
         self.show();
     }
 
-    /// Takes the goal of the register.
-    fn set_goal(&mut self) {
+    /// Takes the goal of the register, which was written now or before.
+    fn set_goal(&mut self, is_new: bool) {
         let goal = self.get(register::GOAL_POSITION);
         let (min, max) = (self.get(register::MIN_POSITION), self.get(register::MAX_POSITION));
         let offset = self.offset();
         self.goal = match self.get(register::MODE) {
-            3 => self.plant.position() + f64::from(goal),
+            3 if is_new => self.plant.position() + f64::from(goal),
+            // A step is made once.
+            3 => self.plant.position(),
             // No limits: several turns.
             _ if (min, max) == (0, 0) => f64::from(goal) + offset,
             _ => f64::from(goal.clamp(min, max.max(min))) + offset,
@@ -324,7 +334,7 @@ impl Servo {
         self.stored = None;
         self.plant.push(self.plant.position().rem_euclid(TURN));
         self.put_value(register::GOAL_POSITION, self.position());
-        self.set_goal();
+        self.set_goal(false);
         self.show();
     }
 }

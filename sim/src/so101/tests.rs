@@ -193,6 +193,12 @@ fn modes_turn_at_a_speed_and_by_steps() {
         wait(&mut bus, 500);
     }
     assert!((encoder(&mut bus, 3) - 1848.0).abs() < 4.0);
+    // A step is made once.
+    for torque in [0, 1] {
+        write(&mut bus, 3, register::TORQUE, torque);
+    }
+    wait(&mut bus, 500);
+    assert!((encoder(&mut bus, 3) - 1848.0).abs() < 4.0);
 }
 
 #[test]
@@ -464,6 +470,28 @@ fn hand_moves_a_servo_without_torque() {
 }
 
 #[test]
+fn hand_moves_to_positions_that_are_reported() {
+    let mut bus = bus();
+    write(&mut bus, 3, register::PHASE, 12 + 16);
+    for (line, error) in [
+        ("hand 2 -1", "servo 2: position is -1 steps, must be 0..=4095"),
+        ("hand 2 4096", "servo 2: position is 4096 steps, must be 0..=4095"),
+        (
+            "hand 3 -32768",
+            "servo 3: position is -32768 steps, must be -32767..=32767",
+        ),
+    ] {
+        let state = order(&mut bus, "state");
+        assert_eq!(order(&mut bus, line).unwrap_err().to_string(), error);
+        assert_eq!(order(&mut bus, "state"), state);
+    }
+    for (id, position) in [(2, 0), (2, 4095), (3, -5000), (3, 32767)] {
+        order(&mut bus, &format!("hand {id} {position}")).unwrap();
+        assert_eq!(read(&mut bus, id, register::POSITION), position);
+    }
+}
+
+#[test]
 fn state_has_a_line_for_each_servo() {
     let mut bus = faulty("hand 2 1500");
     let state = order(&mut bus, "state").unwrap();
@@ -548,7 +576,8 @@ proptest! {
                     // A cut, damaged or echoed answer is no packet.
                     is_damaged |= matches!(order, Order::Damaged { .. } | Order::Brownout { .. });
                     let result = line.device_mut().order(now, order);
-                    prop_assert!(result.is_ok() || matches!(result, Err(OrderError::NoServo(_) | OrderError::Holds(_))));
+                    let is_refused = matches!(result, Err(OrderError::NoServo(_) | OrderError::Holds(_) | OrderError::Position { .. }));
+                    prop_assert!(result.is_ok() || is_refused);
                     now
                 }
                 Act::Wait(micros) => now + Duration::from_micros(micros),
