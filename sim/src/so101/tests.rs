@@ -1,8 +1,7 @@
 //! The virtual arm in virtual time.
 
-use std::collections::BTreeSet;
-
 use armwire::decoder::{Decoder, Kind};
+use armwire::framing::{Framing, Scan};
 use armwire::messages::Messages;
 use armwire::time::{Duration, Instant};
 use armwire_feetech::register::{self, REGISTERS, Register};
@@ -513,6 +512,10 @@ fn wrong_servos_are_refused() {
     assert!(Config::new(&[1], &[777], -0.1).is_err() && Config::new(&[1], &[777], 25.5).is_err());
 }
 
+/// The bits of an error byte that a servo sets by itself.
+const VOLTAGE: u8 = 1;
+const TEMPERATURE: u8 = 4;
+
 /// What a host does in a random run.
 #[derive(Clone, Debug)]
 enum Act {
@@ -553,16 +556,84 @@ fn any_act() -> impl Strategy<Value = Act> {
     ]
 }
 
+/// An arm, and the packets among the bytes that reach it.
+struct Heard {
+    arm: So101,
+    bytes: Vec<u8>,
+    packets: Vec<Vec<u8>>,
+}
+
+impl SerialDevice for Heard {
+    fn receive(&mut self, now: Instant, byte: u8) {
+        self.bytes.push(byte);
+        let last = self.bytes.len().min(MAX_FRAME);
+        for n in 6..=last {
+            let window = &self.bytes[self.bytes.len() - n..];
+            if Feetech::default().scan(window, Expect::Requests) == Scan::Frame(n) {
+                self.packets.push(window.to_vec());
+            }
+        }
+        self.arm.receive(now, byte);
+    }
+
+    fn transmit(&mut self, now: Instant) -> Option<u8> {
+        self.arm.transmit(now)
+    }
+
+    fn poll_timeout(&self) -> Option<Instant> {
+        self.arm.poll_timeout()
+    }
+
+    fn set_baud(&mut self, baud: u32) {
+        self.arm.set_baud(baud);
+    }
+}
+
+/// Returns true if a servo can answer a packet with this one: its id, its length, its values.
+fn can_answer(packet: &[u8], status: &Status) -> bool {
+    let (id, len) = (status.id, status.data.len());
+    match Feetech::default().parse_request(packet) {
+        Ok(Request::Ping { id: to }) => len == 0 && (to == id || to == BROADCAST),
+        Ok(Request::Read {
+            id: to,
+            address,
+            len: n,
+        }) => to == id && len == n.into() && have_ranges(address, status.data),
+        Ok(Request::SyncRead { address, len: n, ids }) => {
+            ids.contains(&id) && len == n.into() && have_ranges(address, status.data)
+        }
+        Ok(Request::Reboot { .. } | Request::SyncWrite { .. }) | Err(_) => false,
+        // An acknowledgement.
+        Ok(_) => len == 0 && packet[2] == id,
+    }
+}
+
+/// Returns true if each whole register among the data of a read has a value of its range.
+fn have_ranges(address: u8, data: &[u8]) -> bool {
+    REGISTERS.iter().all(|row| {
+        let at = usize::from(row.address).checked_sub(address.into());
+        let bytes = at.and_then(|at| data.get(at..at + usize::from(row.len)));
+        bytes.is_none_or(|bytes| {
+            let value = row.value([bytes[0], bytes.get(1).copied().unwrap_or(0)]);
+            (row.min..=row.max).contains(&value)
+        })
+    })
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(2_000))]
 
-    /// No run panics. Each answer without a fault is a packet of a servo that exists, and each register has a value of its
-    /// range.
+    /// No run panics. A real servo could give each answer: to a request that reached the arm, in the order of requests, with
+    /// the errors of its supply and those ordered. Each register has a value of its range.
     #[test]
     fn answers_of_random_runs_are_possible(acts in vec(any_act(), 1..20), rates in prop_oneof![Just(Rates::NONE), any_rates()], seed: u64) {
-        let mut line = Line::new(So101::new(Config::default()), rates, Rates::NONE, seed);
+        let arm = So101::new(Config::default());
+        let mut line = Line::new(Heard { arm, bytes: Vec::new(), packets: Vec::new() }, rates, Rates::NONE, seed);
         let (mut now, mut decoder) = (Instant::ZERO, Decoder::<Feetech, MAX_FRAME>::new());
-        let (mut is_damaged, mut ids) = (false, BTreeSet::from([1, 2, 3, 4, 5, 6]));
+        // An answer on order, or of two servos at once, is any bytes.
+        let (mut is_damaged, mut errors) = (false, VOLTAGE | TEMPERATURE);
+        // The request of the last answer.
+        let mut answered = 0;
         for act in acts {
             let end = match act {
                 Act::Send(bytes) => {
@@ -573,9 +644,11 @@ proptest! {
                     now
                 }
                 Act::Order(order) => {
-                    // A cut, damaged or echoed answer is no packet.
-                    is_damaged |= matches!(order, Order::Damaged { .. } | Order::Brownout { .. });
-                    let result = line.device_mut().order(now, order);
+                    is_damaged |= matches!(order, Order::Damaged { .. });
+                    if let Order::Error { bits, .. } = order {
+                        errors |= bits;
+                    }
+                    let result = line.device_mut().arm.order(now, order);
                     let is_refused = matches!(result, Err(OrderError::NoServo(_) | OrderError::Holds(_) | OrderError::Position { .. }));
                     prop_assert!(result.is_ok() || is_refused);
                     now
@@ -591,21 +664,29 @@ proptest! {
                 while let Some(byte) = line.transmit(now) {
                     prop_assert!(decoder.push(&[byte]).is_empty());
                     while let Some(item) = decoder.next(&Feetech::default(), Expect::Responses) {
-                        let id = item.bytes.get(2).copied();
-                        let is_possible = item.kind == Kind::Frame && id.is_some_and(|id| ids.contains(&id));
-                        prop_assert!(is_possible || is_damaged, "{item:?}");
+                        if is_damaged {
+                            continue;
+                        }
+                        prop_assert_eq!(item.kind, Kind::Frame);
+                        let status = Feetech::default().parse_response(item.bytes, Expect::Responses).unwrap();
+                        prop_assert_eq!(status.error & !errors, 0, "{}", status);
+                        let packets = &line.device().packets[answered..];
+                        let request = packets.iter().position(|packet| can_answer(packet, &status));
+                        prop_assert!(request.is_some(), "{status} to one of {packets:02X?}");
+                        answered += request.unwrap_or_default();
                     }
                 }
             }
             now = now.max(end);
-            let servos = line.device_mut().servos(now);
-            ids.extend(servos.iter().map(Servo::id));
+            let servos = line.device_mut().arm.servos(now);
             is_damaged |= has_twins(servos);
             for servo in servos {
                 for row in REGISTERS {
                     let value = servo.get(*row);
                     prop_assert!((row.min..=row.max).contains(&value), "{} is {value}", row.name);
                 }
+                let is_in_turn = (0..4096).contains(&servo.get(register::POSITION));
+                prop_assert!(is_in_turn || servo.get(register::PHASE) & 16 != 0);
                 prop_assert!(servo.encoder().is_finite());
             }
         }
