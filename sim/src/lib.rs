@@ -19,10 +19,6 @@ mod angle;
 pub mod can;
 pub mod faults;
 pub mod ling;
-#[cfg(unix)]
-pub mod pty;
-#[cfg(not(unix))]
-#[path = "no_pty.rs"]
 pub mod pty;
 pub mod serial;
 pub mod serve;
