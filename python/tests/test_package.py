@@ -1,6 +1,8 @@
 """The package as a whole."""
 
+import ast
 import importlib.metadata
+import inspect
 import pydoc
 import subprocess
 import sys
@@ -39,6 +41,15 @@ def test_command_imports_neither_numpy_nor_asyncio() -> None:
 
 def test_every_public_name_is_found_at_first_use() -> None:
     assert [name for name in armwire.__all__ if name not in dir(armwire) or not hasattr(armwire, name)] == []
+
+
+def test_type_checkers_see_the_names_of_first_use() -> None:
+    checked = next(node for node in ast.parse(inspect.getsource(armwire)).body if isinstance(node, ast.If))
+    imports = [node for node in checked.body if isinstance(node, ast.ImportFrom)]
+    names = {f".{node.module or ''}": tuple(name.name for name in node.names) for node in imports}
+    # Modules, and names within modules.
+    assert names.pop(".") == ("aio", "errors")
+    assert names == vars(armwire)["_NAMES"]
 
 
 def test_unknown_name_is_an_attribute_error() -> None:
