@@ -101,6 +101,12 @@ fn unpack(crates: &Path) -> Result<()> {
             let is_there = crates.join(&package).join(file).exists();
             ensure!(is_there, "{package}.crate has no {file}");
         }
+        for page in ["README.md", "CHANGELOG.md"] {
+            let text = fs::read_to_string(crates.join(&package).join(page))?;
+            let mut links = text.split("](").skip(1);
+            let leads_out = links.all(|link| link.starts_with("https://"));
+            ensure!(leads_out, "{package}.crate: {page} has a link that is no address");
+        }
     }
     Ok(())
 }
