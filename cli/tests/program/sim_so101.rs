@@ -9,7 +9,7 @@ use std::{io, thread};
 use rustix::fs::OFlags;
 use rustix::process::{Pid, Signal, kill_process};
 
-use crate::common::{PROGRAM, finish, free_path, usage};
+use crate::common::{Arm, PROGRAM, failure, finish, free_path, run, usage};
 
 const PING: [u8; 6] = [0xFF, 0xFF, 0x01, 0x02, 0x01, 0xFB];
 
@@ -141,12 +141,27 @@ fn hand_moves_a_servo_and_state_shows_it() {
 #[test]
 fn wrong_orders_are_answered_with_their_reason() {
     let mut arm = Ordered::start("so101-wrong", &[]);
-    assert_eq!(arm.order(b"late x"), ["error: 'late x': expected late N[:MS]"]);
-    assert_eq!(arm.order(b"silent 7"), ["error: no servo has id 7"]);
-    for line in [&b"gremlins"[..], b"", b"\xFF\xFE", b"\x1b[2J"] {
-        let error = arm.order(line);
-        assert!(error[0].starts_with("error: unknown order '"), "{error:?}");
-        assert!(!error[0].contains('\u{1b}'), "{error:?}");
+    let names = "late, damaged, twice, brownout, silent, unplugged, error, echo, sag, hand, clear, state";
+    for (line, reason) in [
+        (&b"late x"[..], "'late x': expected late N[:MS]"),
+        (b"hand 2", "'hand 2': expected hand ID POSITION"),
+        (b"hand 2 4096", "servo 2: position is 4096 steps, must be 0..=4095"),
+        (b"silent 7", "no servo has id 7"),
+        (
+            b"gremlins",
+            &format!("unknown order 'gremlins': expected one of {names}"),
+        ),
+        (b"", &format!("unknown order '': expected one of {names}")),
+        (
+            b"\xFF\xFE",
+            &format!("unknown order '\u{FFFD}\u{FFFD}': expected one of {names}"),
+        ),
+        (
+            b"\x1b[2J",
+            &format!("unknown order '\\u{{1b}}[2J': expected one of {names}"),
+        ),
+    ] {
+        assert_eq!(arm.order(line), [format!("error: {reason}")]);
     }
     // None of them ended it, or changed it.
     assert_eq!(arm.exchange(&PING), [0xFF, 0xFF, 0x01, 0x02, 0x00, 0xFC]);
@@ -181,24 +196,40 @@ fn orders_of_the_command_line_hold_from_the_start() {
 #[test]
 fn wrong_arguments_are_refused_with_their_reason() {
     for (args, reason) in [
-        (&["--late", "x"][..], "'late x': expected late N[:MS]"),
-        (&["--late", "0"], "'late 0': expected late N[:MS]"),
-        (&["--error", "1"], "'error 1': expected error ID BITS"),
-        (&["--error", "1 256"], "expected error ID BITS"),
-        (&["--sag", "501"], "'sag 501': expected sag TICKS, -500 to 500"),
-        (&["--silent", "254"], "expected silent ID"),
-        (&["--silent", "7"], "no servo has id 7"),
-        (&["--ids", "1,2,1"], "two servos have id 1"),
-        (&["--ids", "254"], "servo id is 254, must be 0..=253"),
-        (&["--ids", "3-1"], "descending range"),
-        (&["--ids", ""], "'' is not an id from 0 to 253"),
-        (&["--models", "777,778"], "there are 2 models for 6 servos"),
-        (&["--models", "x"], "invalid digit"),
-        (&["--volts", "26"], "supply is 26 V, must be 0..=25.4"),
-        (&["--volts", "-1"], "supply is -1 V"),
-        (&["--faults", "gremlins=1"], "unknown fault"),
+        (["--late", "x"], "'late x': expected late N[:MS]"),
+        (["--late", "0"], "'late 0': expected late N[:MS]"),
+        (["--error", "1"], "'error 1': expected error ID BITS"),
+        (["--error", "1 256"], "'error 1 256': expected error ID BITS"),
+        (["--sag", "501"], "'sag 501': expected sag TICKS, -500 to 500"),
+        (["--silent", "254"], "'silent 254': expected silent ID"),
+        (["--silent", "7"], "no servo has id 7"),
+        (["--ids", "1,2,1"], "two servos have id 1"),
+        (["--ids", "254"], "servo id is 254, must be 0..=253"),
+        (["--ids", "3-1"], "'3-1' is a descending range"),
+        (["--ids", ""], "'' is not an id from 0 to 253"),
+        (
+            ["--models", "777,778"],
+            "there are 2 models for 6 servos: expected one, or one for each",
+        ),
+        (["--models", "x"], "invalid digit found in string"),
+        (["--volts", "26"], "supply is 26 V, must be 0..=25.4"),
+        (["--volts", "-1"], "supply is -1 V, must be 0..=25.4"),
+        (
+            ["--faults", "gremlins=1"],
+            "unknown fault 'gremlins': expected drop, corrupt, duplicate, delay or noise",
+        ),
     ] {
-        let error = usage(&[&["sim", "so101"][..], args].concat());
-        assert!(error.contains(reason), "{args:?}: {error}");
+        let error = usage(&[&["sim", "so101"][..], &args].concat());
+        let line = error.lines().next().unwrap_or_default();
+        assert!(line.ends_with(&format!(": {reason}")), "{args:?}: {error}");
     }
+}
+
+#[test]
+fn another_arm_at_the_path_is_an_error() {
+    let arm = Arm::start("ling", "so101-taken", &[]);
+    let error = failure(&run(&["sim", "so101", "--pty", &arm.port]));
+    let reason = "is in use by another server: end that one, or choose another path";
+    assert_eq!(error, format!("cannot serve a virtual arm: {} {reason}", arm.port));
+    arm.stop(Signal::INT);
 }
