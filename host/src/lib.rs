@@ -56,6 +56,11 @@
 //! A robot's model, a data set or another program may have other names, units and zeros of the joints: a
 //! [joints file](joints_file) has them, with limits.
 //!
+//! # A protocol of your own
+//!
+//! [`Connection::raw`] opens any port for another protocol: a [`RawPort`] has its bytes, with the lock, the errors, the
+//! [interrupt](RawPort::set_interrupt) and the [tap](Tap) that the arms have.
+//!
 //! # Errors
 //!
 //! An [`Error`] says what was wrong, and where. As in [`armwire`], its text has the cause, and `source` returns none. It
@@ -105,8 +110,10 @@ pub use ports::adapter::RECOVERY;
 pub use ports::available::{PortInfo, ports};
 pub use ports::control::{Adapter, ReservedLine};
 pub use ports::hid::Selector;
-pub use ports::link::{Interrupt, LineErrors, Link};
+pub use ports::interrupt::Interrupt;
+pub use ports::link::{LineErrors, Link};
 pub use ports::port::{Connection, Options, Port, open};
+pub use ports::raw_port::RawPort;
 pub use ports::system::has_serial_port;
 pub use ports::tap::Tap;
 pub use ports::tcp::TcpAddress;

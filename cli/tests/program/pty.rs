@@ -222,7 +222,9 @@ fn wrong_kind_of_port_has_a_hint() {
     for host in ["192.0.2.1", "arm.local:502"] {
         let line = failure(&run(&["info", host]));
         assert!(
-            line.contains("an xarm's (--arm xarm) or a server's of a serial port (tcp:HOST:PORT)?"),
+            line.contains(
+                "no such port; a server of a serial port is tcp:HOST:PORT; is it an xarm's host (--arm xarm)?"
+            ),
             "{line}"
         );
     }
@@ -263,7 +265,7 @@ fn usb_serial_number_is_looked_up_among_ports() {
     );
     let line = usage(&["torque", "usb:no-such-number/control", "on"]);
     assert!(
-        line.contains("usb:no-such-number/control is a control port: there is no arm on it"),
+        line.contains("usb:no-such-number/control is a control port: only its adapter is on it"),
         "{line}"
     );
 }

@@ -8,7 +8,8 @@ use armwire::alpha1::{
 };
 
 use crate::error::Error;
-use crate::ports::link::{Interrupt, LineErrors, Link};
+use crate::ports::interrupt::Interrupt;
+use crate::ports::link::{LineErrors, Link};
 use crate::ports::port::Connection;
 
 /// An Alpha1 on a port, or its servos' bus, which [`Connection::alpha1`] opens.

@@ -13,7 +13,8 @@ use crate::describe::Arm as _;
 use crate::describe::xarm::{POSITIONS, positions_in};
 use crate::error::Error;
 use crate::error::outside::Outside;
-use crate::ports::link::{Interrupt, LineErrors, Link};
+use crate::ports::interrupt::Interrupt;
+use crate::ports::link::{LineErrors, Link};
 use crate::ports::tcp::{Tcp, TcpAddress};
 
 /// An xArm on a host.

@@ -22,6 +22,7 @@ use crate::ports::line::Line;
 use crate::ports::line_reservation;
 use crate::ports::link::Link;
 use crate::ports::port_user::{self, User};
+use crate::ports::raw_port::RawPort;
 use crate::ports::serial::{self, Serial};
 use crate::ports::system;
 use crate::ports::tcp::{Tcp, TcpAddress};
@@ -256,7 +257,7 @@ impl Port {
     }
 }
 
-/// A port to open an arm or an adapter on. On CAN it has the open bus, which a clone shares, with one arm and one
+/// A port to open an arm, a [device of your own](Self::raw) or an adapter on. On CAN it has the open bus, which a clone shares, with one arm and one
 /// control port at a time: a second is [`Error::InUse`].
 #[derive(Clone)]
 pub struct Connection {
@@ -304,13 +305,77 @@ impl Connection {
         Ok(Link::new(line, config))
     }
 
+    /// Opens the port for a protocol of your own, and returns it with the timing of its line, for a
+    /// [`Client`](armwire::Client).
+    ///
+    /// `usual` is the timing on a serial port. Its baud rate is the default of [`Options::baud`]. TCP and CAN add their
+    /// delay, and the baud rate there is that of the server or the adapter. On CAN the adapter must be set to `raw`.
+    ///
+    /// A serial port has 8 data bits, no parity and 1 stop bit. It is locked, and bytes that arrived before are discarded.
+    ///
+    /// ```
+    /// use armwire::{Client, Config, Output};
+    /// use armwire_host::stopwatch::Stopwatch;
+    /// # use armwire::ling::{Ling, MAX_FRAME, Request};
+    ///
+    /// # fn read(port: &str) -> Result<(), Box<dyn std::error::Error>> {
+    /// let (mut port, config) = armwire_host::open(port)?.raw(Config::DEFAULT)?;
+    /// let mut client = Client::<Ling, MAX_FRAME>::new(Ling, config); // any `Messages`
+    /// let clock = Stopwatch::start();
+    /// client.submit(&Request::ReadJoints)?;
+    /// loop {
+    ///     let wait = match client.poll(clock.now()) {
+    ///         Output::Receive => std::time::Duration::ZERO,
+    ///         Output::Timeout(until) => until.map_or(std::time::Duration::MAX, |until| clock.until(until)),
+    ///         Output::Transmit(bytes) => {
+    ///             let n = port.write(bytes)?;
+    ///             client.transmitted(clock.now(), n)?;
+    ///             continue;
+    ///         }
+    ///         Output::Event(event) => return Ok(println!("{event:?}")),
+    ///     };
+    ///     let n = port.read(client.space(), wait)?;
+    ///     client.received(clock.now(), n)?;
+    /// }
+    /// # }
+    /// ```
+    ///
+    /// # Errors
+    ///
+    /// The port cannot be opened. [`Error::InUse`] if another program has locked it, [`Error::Port`] if it has no line: a
+    /// HID device, or a control port.
+    pub fn raw(&self, usual: Config) -> Result<(RawPort, Config), Error> {
+        let (line, config) = self.open_line(usual)?;
+        Ok((RawPort::new(line), config))
+    }
+
     /// Opens the arm's line, and returns its timing.
     pub(crate) fn line<P: Arm>(&self) -> Result<(Box<dyn Line>, Config), Error> {
-        let usual = P::CONFIG;
+        match &self.port {
+            Port::Hid(selector) if P::ON_HID => Ok((hid::open(selector)?, P::CONFIG)),
+            Port::Hid(_) => {
+                let text = Text::from(format!("{} is a HID device, and only an alpha1 is one", self.port));
+                Err(Error::Port(text.remedy(Remedy::OpenAs(Protocol::Alpha1))))
+            }
+            _ => self.open_line(P::CONFIG).map_err(|error| match error {
+                Error::At { name, reason } if serial::is_host(name.as_str()) => Error::At {
+                    name,
+                    reason: reason
+                        .and("; is it an xarm's host")
+                        .remedy(Remedy::OpenAs(Protocol::Xarm))
+                        .and("?"),
+                },
+                error => error,
+            }),
+        }
+    }
+
+    /// Opens the line of a protocol with this timing on a serial port, and returns its timing on this port.
+    fn open_line(&self, usual: Config) -> Result<(Box<dyn Line>, Config), Error> {
         Ok(match &self.port {
             Port::Serial(port) => {
                 let Some(baud) = self.baud.or(usual.baud) else {
-                    return Err(Error::at(port, "the arm is not on a serial port"));
+                    return Err(Error::at(port, "a serial port needs a baud rate"));
                 };
                 let config = Config {
                     baud: Some(baud),
@@ -326,18 +391,17 @@ impl Connection {
                 };
                 (Box::new(Tcp::connect(host, true)?), config)
             }
-            Port::Hid(_) if !P::ON_HID => {
-                let text = Text::from(format!("{} is a HID device, and only an alpha1 is one", self.port));
-                return Err(Error::Port(text.remedy(Remedy::OpenAs(Protocol::Alpha1))));
-            }
-            Port::Hid(selector) => (hid::open(selector)?, usual),
             Port::Can { node, .. } | Port::Slcan { node, .. } => {
                 let line = self.on_can(*node, Function::ArmRequest, Function::ArmAnswer)?;
                 let latency = usual.latency + CAN_LATENCY;
                 (Box::new(line), Config { latency, ..usual })
             }
+            Port::Hid(_) => {
+                let text = format!("{} is a HID device, which has no line", self.port);
+                return Err(Error::Port(text.into()));
+            }
             Port::Control(_) | Port::UsbControl(_) => {
-                let text = format!("{} is a control port: there is no arm on it", self.port);
+                let text = format!("{} is a control port: only its adapter is on it", self.port);
                 return Err(Error::Port(text.into()));
             }
         })

@@ -18,7 +18,6 @@ use rustix::termios::{ControlModes, InputModes, ioctl_tiocexcl, ioctl_tiocnxcl};
 use serial2::Settings;
 use serial2::{KeepSettings, SerialPort};
 
-use crate::describe::Protocol;
 use crate::error::Error;
 use crate::error::text::{Remedy, Text};
 use crate::ports::line::{Line, Names, Reception, is_nothing_yet};
@@ -177,14 +176,7 @@ fn not_opened(name: &str, path: &str, error: &io::Error) -> Error {
                 user: user.into(),
             };
         }
-        ErrorKind::NotFound if is_host(name) => {
-            return Error::At {
-                name: name.into(),
-                reason: Text::from("no such port: is it a host, an xarm's")
-                    .remedy(Remedy::OpenAs(Protocol::Xarm))
-                    .and(" or a server's of a serial port (tcp:HOST:PORT)?"),
-            };
-        }
+        ErrorKind::NotFound if is_host(name) => "no such port; a server of a serial port is tcp:HOST:PORT".to_owned(),
         ErrorKind::NotFound => {
             let interfaces = system::can_interfaces().into_iter().map(|name| format!("can:{name}"));
             let names: Vec<_> = system::serial_ports().into_iter().chain(interfaces).collect();
@@ -220,7 +212,7 @@ fn not_opened(name: &str, path: &str, error: &io::Error) -> Error {
 }
 
 /// Returns true for an address or a host name, with or without a port.
-fn is_host(text: &str) -> bool {
+pub(crate) fn is_host(text: &str) -> bool {
     let is_port = |port: &str| port.parse::<u16>().is_ok();
     let has_port = text
         .rsplit_once(':')

@@ -87,7 +87,7 @@ impl Tcp {
                 break;
             }
         }
-        let stream = connected.map_err(|error| not_connected(&name, &error))?;
+        let stream = connected.map_err(|error| not_connected(&name, peer(is_serial), &error))?;
         Ok(Self {
             name,
             stream,
@@ -111,7 +111,7 @@ impl Line for Tcp {
     fn read(&mut self, buf: &mut [u8], wait: Duration) -> Result<usize, Error> {
         match self.read_within(buf, wait) {
             Ok(0) => {
-                let peer = self.peer();
+                let peer = peer(self.is_serial);
                 let reason = format_args!(
                     "the {peer} closed the connection: is it switched off, or does it accept no more connections?"
                 );
@@ -149,14 +149,6 @@ impl Line for Tcp {
 }
 
 impl Tcp {
-    /// The other end of the connection, in words.
-    fn peer(&self) -> &'static str {
-        match self.is_serial {
-            true => "server",
-            false => "arm",
-        }
-    }
-
     /// Reads the available bytes, waiting at most `wait` for the first one.
     fn read_within(&mut self, buf: &mut [u8], wait: Duration) -> io::Result<usize> {
         // No timeout at all would mean forever, and the shortest one takes a tick of the system's clock.
@@ -171,7 +163,7 @@ impl Tcp {
     }
 
     fn lost(&self, error: io::Error) -> Error {
-        let peer = self.peer();
+        let peer = peer(self.is_serial);
         let reason = match error.kind() {
             ErrorKind::WouldBlock | ErrorKind::TimedOut => {
                 format!("the connection accepts no bytes: is the {peer} still there?")
@@ -182,14 +174,22 @@ impl Tcp {
     }
 }
 
+/// The other end of a connection, in words.
+fn peer(is_serial: bool) -> &'static str {
+    match is_serial {
+        true => "server",
+        false => "arm",
+    }
+}
+
 /// The error of a failed connection.
-fn not_connected(name: &str, error: &io::Error) -> Error {
+fn not_connected(name: &str, peer: &str, error: &io::Error) -> Error {
     let reason = match error.kind() {
         ErrorKind::ConnectionRefused => {
-            "nothing listens there: is it the right address and port, and has the arm or server started?".to_owned()
+            format!("nothing listens there: is it the right address and port, and has the {peer} started?")
         }
         ErrorKind::TimedOut | ErrorKind::HostUnreachable | ErrorKind::NetworkUnreachable => format!(
-            "cannot be reached ({error}): is it the right address, is the arm or server on, and is this computer in its \
+            "cannot be reached ({error}): is it the right address, is the {peer} on, and is this computer in its \
              network?"
         ),
         _ => format!("connection failed: {error}"),

@@ -11,7 +11,7 @@ use super::Ling;
 use crate::arm::shared::Shared;
 use crate::arm::stop;
 use crate::error::{Error, TorqueOffEffect};
-use crate::ports::link::INTERRUPT_PERIOD;
+use crate::ports::interrupt;
 use crate::time::stopwatch::Stopwatch;
 
 /// Time between two readings.
@@ -101,7 +101,7 @@ impl Wait {
 
     /// The time for which other calls may delay the next reading, which checks the interrupt and the limit.
     fn patience(&self) -> Duration {
-        INTERRUPT_PERIOD.min(self.limit.saturating_sub(self.clock.0.elapsed()))
+        interrupt::PERIOD.min(self.limit.saturating_sub(self.clock.0.elapsed()))
     }
 
     /// Reads once. Returns the state at the target, and `None` before: read again, after 20 ms.

@@ -8,13 +8,12 @@ use armwire::framing::Reason;
 use armwire::time::Instant;
 use armwire::{Client, Config, Event, Output, xarm};
 
-use super::interrupt::Interrupter;
 use super::line_errors::LineErrors;
 use crate::describe::Arm;
 use crate::error::Error;
 use crate::error::text::Text;
 use crate::ports::line::{Line, Names, Reception};
-use crate::ports::tap::{Tap, Tapped};
+use crate::ports::raw_port::RawPort;
 use crate::time::stamps::{HostTime, monotonic};
 use crate::time::stopwatch::Stopwatch;
 
@@ -25,7 +24,7 @@ const MAX_KEPT: usize = 256;
 
 /// A client on an open line, the only one that reads and writes it.
 pub(super) struct LineClient<P: Arm> {
-    line: Tapped,
+    pub(super) port: RawPort,
     client: Client<P, BUFFER>,
     /// Bytes read but not yet passed to the client.
     unread: Vec<u8>,
@@ -36,7 +35,6 @@ pub(super) struct LineClient<P: Arm> {
     /// The start of the clock, on the monotonic clock. Times that are converted by it keep their order.
     started_ns: i64,
     errors: LineErrors,
-    pub(super) interrupter: Interrupter,
 }
 
 impl<P: Arm> LineClient<P> {
@@ -45,21 +43,20 @@ impl<P: Arm> LineClient<P> {
         let started_ns = monotonic();
         Self {
             started_ns,
-            line: Tapped::new(line),
+            port: RawPort::new(line),
             client: Client::new(P::default(), config),
             unread: Vec::new(),
             received: 0,
             kept: Vec::new(),
             clock: Stopwatch::start(),
             errors: LineErrors::default(),
-            interrupter: Interrupter::default(),
         }
     }
 
     /// Goes on with this line, without the requests on the one before. The tap and the interrupt stay.
     pub(super) fn replace_line(&mut self, line: Box<dyn Line>, config: Config) {
         self.errors = self.errors();
-        self.line.line = line;
+        self.port.line = line;
         self.client = Client::new(mem::take(self.client.messages_mut()), config);
         self.unread.clear();
         (self.received, self.kept) = (0, Vec::new());
@@ -67,10 +64,6 @@ impl<P: Arm> LineClient<P> {
 
     pub(super) fn messages_mut(&mut self) -> &mut P {
         self.client.messages_mut()
-    }
-
-    pub(super) fn set_tap(&mut self, tap: impl Tap + 'static) {
-        self.line.tap = Some(Box::new(tap));
     }
 
     /// Replaces the request in flight by this one.
@@ -113,7 +106,7 @@ impl<P: Arm> LineClient<P> {
                     self.receive(Duration::ZERO)?;
                 }
                 Output::Transmit(bytes) => {
-                    let n = self.line.write(bytes)?;
+                    let n = self.port.write(bytes)?;
                     self.client
                         .transmitted(self.clock.now(), n)
                         .expect("the line wrote no more than there was");
@@ -155,10 +148,7 @@ impl<P: Arm> LineClient<P> {
     pub(super) fn receive(&mut self, wait: Duration) -> Result<usize, Error> {
         if self.unread.is_empty() {
             let mut buf = [0; 256];
-            let n = self.line.read(&mut buf, self.interrupter.part(wait))?;
-            if n == 0 && !wait.is_zero() {
-                self.interrupter.run()?;
-            }
+            let n = self.port.read(&mut buf, wait)?;
             self.unread.extend(&buf[..n]);
             self.received += n;
             let room = MAX_KEPT - self.kept.len();
@@ -213,10 +203,10 @@ impl<P: Arm> LineClient<P> {
     }
 
     pub(super) fn name(&self) -> &str {
-        self.line.name()
+        self.port.name()
     }
 
     pub(super) fn hint(&self, reception: Reception, names: Names) -> Text {
-        self.line.hint(reception, names)
+        self.port.hint(reception, names)
     }
 }

@@ -3,13 +3,11 @@
 //! * `line_client`: the client and its line, which move each other's bytes;
 //! * `calls`: requests whose answers are waited for;
 //! * `readings`: requests whose answers arrive later;
-//! * `interrupt`: a program's check during waits;
 //! * `line_errors`: errors counted on the line.
 
 mod calls;
 #[cfg(test)]
 mod fake;
-mod interrupt;
 mod line_client;
 mod line_errors;
 mod readings;
@@ -22,12 +20,11 @@ use armwire::Config;
 use crate::describe::Arm;
 use crate::error::Error;
 use crate::error::outside::Outside;
+use crate::ports::interrupt::{Check, Interrupt};
 use crate::ports::line::Line;
 use crate::ports::lost_line::LostLine;
 use crate::ports::tap::Tap;
 use crate::time::stamps::HostTime;
-pub use interrupt::Interrupt;
-pub(crate) use interrupt::{Check, PERIOD as INTERRUPT_PERIOD};
 use line_client::LineClient;
 pub use line_errors::LineErrors;
 
@@ -66,22 +63,22 @@ impl<P: Arm> Link<P> {
     /// Makes calls run this check at least every 100 ms while they wait. Its error ends the call, as
     /// [`Error::Interrupted`].
     pub fn set_interrupt(&mut self, check: impl FnMut() -> Interrupt + Send + 'static) {
-        self.client.interrupter.set(Some(Box::new(check)));
+        self.client.port.set_interrupt(check);
     }
 
     /// Gives `tap` all bytes from now on, in both directions.
     pub fn set_tap(&mut self, tap: impl Tap + 'static) {
-        self.client.set_tap(tap);
+        self.client.port.set_tap(tap);
     }
 
     /// Runs the interrupt's check.
     pub(crate) fn check_interrupt(&mut self) -> Result<(), Error> {
-        self.client.interrupter.run()
+        self.client.port.interrupter.run()
     }
 
     /// The text of the last error that the interrupt's check returned since this was last called.
     pub(crate) fn take_interrupted(&mut self) -> Option<String> {
-        self.client.interrupter.take_interrupted()
+        self.client.port.interrupter.take_interrupted()
     }
 
     /// Runs calls without the interrupt.
@@ -94,11 +91,11 @@ impl<P: Arm> Link<P> {
 
     /// Takes the check of the interrupt, if there is one.
     pub(crate) fn take_check(&mut self) -> Option<Check> {
-        self.client.interrupter.take()
+        self.client.port.interrupter.take()
     }
 
     pub(crate) fn set_check(&mut self, check: Option<Check>) {
-        self.client.interrupter.set(check);
+        self.client.port.interrupter.set(check);
     }
 
     /// The frame that ended the last call: an answer, which may have more bytes than its response contains. Empty if
