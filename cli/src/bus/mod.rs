@@ -3,7 +3,7 @@
 mod report;
 mod survey;
 
-use std::io;
+use std::num::NonZeroU32;
 use std::str::FromStr;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time;
@@ -11,15 +11,17 @@ use std::time;
 use armwire_bridge::{Duration, Instant};
 use armwire_feetech::MAX_FRAME;
 use armwire_feetech::register::BAUD_RATES;
+use armwire_host::stopwatch::Stopwatch;
+use armwire_host::{Error as Host, Missing, Options, Port, RawPort};
 use clap::Args;
-use serial2::{KeepSettings, SerialPort};
 
 use crate::call::values::{parse, seconds};
 use crate::error::Error;
 use crate::ids::ids;
 use crate::output::{print, print_error, print_json};
+use crate::status::StatusArg;
 use report::{Kind, Report};
-use survey::Survey;
+use survey::{Servo, Survey, timing};
 
 /// Longest wait for bytes, after which the time is looked at.
 const WAIT: time::Duration = time::Duration::from_millis(5);
@@ -27,23 +29,26 @@ const WAIT: time::Duration = time::Duration::from_millis(5);
 /// The arguments of `armwire bus`.
 #[derive(Args)]
 pub(crate) struct Bus {
-    /// Serial port of the bus.
-    port: String,
+    /// Port of the bus: a serial port (/dev/ttyACM0, COM3, or usb:SERIAL by its USB serial number), tcp:HOST:PORT (serial
+    /// port server), can:IFACE/NODE (SocketCAN), or slcan:PORT@BITRATE/NODE (SLCAN adapter).
+    port: Port,
     /// Time for which the servos are read.
     #[arg(long, value_name = "S", default_value = "5", value_parser = seconds)]
     seconds: time::Duration,
     /// Ids to look for, 0 to 253, such as '1-6' or '1,2,7'.
     #[arg(long, default_value = "0-12")]
     ids: Ids,
-    /// Baud rate, or 'auto': each rate of a servo, the fastest first, until one answers.
-    #[arg(long, value_name = "N", default_value = "auto", value_parser = bauds)]
-    baud: Bauds,
+    /// Baud rate of the serial port, or 'auto': each rate of a servo, the fastest first, until one answers.
+    #[arg(long, value_name = "N", default_value = "auto")]
+    baud: Baud,
     /// Print one JSON object.
     #[arg(long)]
     json: bool,
     /// Findings with which the command fails, with exit status 1, after its report.
     #[arg(long, value_name = "FINDINGS", value_delimiter = ',', value_enum)]
     fail_on: Vec<Kind>,
+    #[command(flatten)]
+    status: StatusArg,
 }
 
 #[derive(Clone, Debug)]
@@ -65,60 +70,110 @@ impl FromStr for Ids {
     }
 }
 
-/// The baud rates to try.
-#[derive(Clone, Debug)]
-struct Bauds(Vec<u32>);
+/// A baud rate. `None` is 'auto'.
+#[derive(Clone, Copy, Debug)]
+struct Baud(Option<NonZeroU32>);
 
-fn bauds(text: &str) -> Result<Bauds, String> {
-    match text {
-        "auto" => Ok(Bauds(BAUD_RATES.to_vec())),
-        text => match parse(text, "a baud rate or 'auto'")? {
-            0 => Err("'0' is not a baud rate or 'auto'".to_owned()),
-            baud => Ok(Bauds(vec![baud])),
-        },
+impl FromStr for Baud {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "auto" => Ok(Self(None)),
+            text => Ok(Self(Some(parse(text, "a baud rate or 'auto'")?))),
+        }
     }
 }
 
 impl Bus {
     pub(crate) fn run(&self, stop: &AtomicBool) -> Result<(), Error> {
+        let connection = self.port.open(Options::default().with_baud(self.baud.0))?;
+        let mut status = self.status.line();
         let (mut noise, mut echoes, mut unsolicited) = (0, 0, 0);
-        for &baud in &self.baud.0 {
-            let mut line = Line::open(&self.port, baud)?;
-            let mut survey = Survey::new(&self.ids.0, baud);
-            line.run(&mut survey, stop, |survey, _| survey.is_searching())?;
-            if survey.servos.is_empty() {
-                noise += survey.noise;
-                echoes += survey.echoes;
-                unsolicited += survey.unsolicited;
-                if stop.load(Ordering::Relaxed) {
-                    return Err(Error::at(&self.port, "interrupted before a servo answered"));
+        for baud in self.rates() {
+            let (port, config) = connection.raw(timing(baud))?;
+            let mut line = Line::new(port);
+            let mut survey = Survey::new(&self.ids.0, config);
+            let baud = matches!(self.port, Port::Serial(_)).then_some(baud);
+            let at = baud.map_or_else(String::new, |baud| format!(" at {baud} baud"));
+            line.run(&mut survey, stop, |survey, _| {
+                status.show(|| {
+                    format!(
+                        "{} servos found{at}, {} ids left",
+                        survey.servos.len(),
+                        survey.ids_left()
+                    )
+                });
+                survey.is_searching()
+            })?;
+            if !survey.servos.is_empty() {
+                drop(status);
+                if !self.json {
+                    print_error(&format_args!(
+                        "{} servos{at}; reading them for {} s, until Ctrl-C",
+                        survey.servos.len(),
+                        self.seconds.as_secs_f32()
+                    ));
                 }
-                continue;
+                return self.read(line, survey, baud, stop);
             }
-            if !self.json {
-                print_error(&format_args!(
-                    "{} servos at {baud} baud; reading them for {} s, until Ctrl-C",
-                    survey.servos.len(),
-                    self.seconds.as_secs_f32()
-                ));
+            noise += survey.noise;
+            echoes += survey.echoes;
+            unsolicited += survey.unsolicited;
+            if stop.load(Ordering::Relaxed) {
+                return Err(Error::at(&self.port.to_string(), "interrupted before a servo answered"));
             }
-            let end = line.now() + Duration::try_from(self.seconds).unwrap_or(Duration::MAX);
-            let read = line.run(&mut survey, stop, |_, now| now < end);
-            let pause = line.pause;
-            let printed = self.print(&Report {
-                baud,
-                survey: &survey,
-                pause,
-            });
-            // A lost port does not take the report so far along.
-            return read.and(printed);
         }
-        let reason = format!(
+        drop(status);
+        Err(connection.explain(self.no_servo(noise, unsolicited, echoes)).into())
+    }
+
+    /// The error of a bus on which only these bytes, answers and echoes came.
+    fn no_servo(&self, noise: u64, unsolicited: u64, echoes: u64) -> Host {
+        let cause = format!(
             "no servo answers to the {} ids of --ids; {noise} noise bytes, {unsolicited} answers without a request, \
-             {echoes} echoes came: is it a bus of Feetech servos, with its supply on?",
+             {echoes} echoes came",
             self.ids.0.len()
         );
-        Err(Error::at(&self.port, reason))
+        Host::NoAnswer {
+            name: self.port.to_string().into(),
+            cause: cause.into(),
+            hint: "is it a bus of Feetech servos, with its supply on?".into(),
+            missing: match noise + unsolicited + echoes {
+                0 => Missing::Silent,
+                _ => Missing::Foreign,
+            },
+            bytes: noise.try_into().unwrap_or(usize::MAX),
+        }
+    }
+
+    /// The baud rates to try. Only a serial port has one to set.
+    fn rates(&self) -> Vec<u32> {
+        match (&self.port, self.baud.0) {
+            (Port::Serial(_), Some(baud)) => vec![baud.get()],
+            (Port::Serial(_), None) => BAUD_RATES.to_vec(),
+            _ => vec![BAUD_RATES[0]],
+        }
+    }
+
+    /// Reads the servos that were found, and prints the report.
+    fn read(&self, mut line: Line, mut survey: Survey, baud: Option<u32>, stop: &AtomicBool) -> Result<(), Error> {
+        let start = line.clock.now();
+        let time = Duration::try_from(self.seconds).unwrap_or(Duration::MAX);
+        let mut status = self.status.bar(time.as_micros());
+        let read = line.run(&mut survey, stop, |survey, now| {
+            let since = now.since(start);
+            status.show_at(since.as_micros(), || progress(since, &survey.servos));
+            since < time
+        });
+        drop(status);
+        let printed = self.print(&Report {
+            baud,
+            survey: &survey,
+            pause: line.pause,
+        });
+        // A lost port does not take the report so far along.
+        read.and(printed)
     }
 
     fn print(&self, report: &Report<'_>) -> Result<(), Error> {
@@ -133,60 +188,43 @@ impl Bus {
             [] => Ok(()),
             kinds => {
                 let names: Vec<_> = kinds.iter().map(|kind| kind.name()).collect();
-                Err(Error::at(&self.port, format!("found: {}", names.join(", "))))
+                Err(Error::at(
+                    &self.port.to_string(),
+                    format!("found: {}", names.join(", ")),
+                ))
             }
         }
     }
 }
 
-/// Keeps other programs of this project off the port. The error says that one of them has it.
-#[cfg(unix)]
-fn lock(port: &SerialPort) -> io::Result<()> {
-    use rustix::fs::{FlockOperation, flock};
-    match flock(port, FlockOperation::NonBlockingLockExclusive) {
-        Err(rustix::io::Errno::WOULDBLOCK) => Err(io::Error::other("another program uses the port")),
-        result => Ok(result?),
-    }
-}
-
-/// Windows opens a port for one program only.
-#[cfg(not(unix))]
-fn lock(_: &SerialPort) -> io::Result<()> {
-    Ok(())
+/// The reading after this time, in words.
+fn progress(since: Duration, servos: &[Servo]) -> String {
+    let sum = |count: fn(&Servo) -> u64| servos.iter().map(count).sum::<u64>();
+    format!(
+        "{} s: {} answers, {} lost, {} late, {} damaged",
+        since.as_micros() / 1_000_000,
+        sum(|servo| servo.latencies.len() as u64),
+        sum(|servo| servo.lost.into()),
+        sum(|servo| servo.late.into()),
+        sum(|servo| servo.damaged.into()),
+    )
 }
 
 /// The port, and the time.
-struct Line<'a> {
-    name: &'a str,
-    port: SerialPort,
-    start: time::Instant,
+struct Line {
+    port: RawPort,
+    clock: Stopwatch,
     /// The longest time by which a wait was longer than it should have been.
     pause: Duration,
 }
 
-impl<'a> Line<'a> {
-    fn open(name: &'a str, baud: u32) -> Result<Self, Error> {
-        let opened = SerialPort::open(name, KeepSettings).and_then(|mut port| {
-            // The settings of a port that another program uses are not ours to change.
-            lock(&port)?;
-            let mut settings = port.get_configuration()?;
-            settings.set_raw();
-            settings.set_baud_rate(baud)?;
-            port.set_configuration(&settings)?;
-            port.set_read_timeout(WAIT)?;
-            port.discard_input_buffer()?;
-            Ok(port)
-        });
-        Ok(Self {
-            name,
-            port: opened.map_err(|error| Error::at(name, error))?,
-            start: time::Instant::now(),
+impl Line {
+    fn new(port: RawPort) -> Self {
+        Self {
+            port,
+            clock: Stopwatch::start(),
             pause: Duration::ZERO,
-        })
-    }
-
-    fn now(&self) -> Instant {
-        Instant::from_micros(self.start.elapsed().as_micros().try_into().unwrap_or(u64::MAX))
+        }
     }
 
     /// Surveys the bus while `goes_on`, until Ctrl-C.
@@ -194,23 +232,17 @@ impl<'a> Line<'a> {
         &mut self,
         survey: &mut Survey,
         stop: &AtomicBool,
-        goes_on: impl Fn(&Survey, Instant) -> bool,
+        mut goes_on: impl FnMut(&Survey, Instant) -> bool,
     ) -> Result<(), Error> {
         let (mut out, mut input) = ([0; MAX_FRAME], [0; 512]);
-        while goes_on(survey, self.now()) && !stop.load(Ordering::Relaxed) {
-            if let Some(n) = survey.request(self.now(), &mut out) {
-                self.port
-                    .write_all(&out[..n])
-                    .map_err(|error| Error::at(self.name, error))?;
+        while goes_on(survey, self.clock.now()) && !stop.load(Ordering::Relaxed) {
+            if let Some(n) = survey.request(self.clock.now(), &mut out) {
+                self.port.write_all(&out[..n])?;
             }
             // A port that takes no bytes is no pause of this computer.
-            let before = self.now();
-            let n = match self.port.read(&mut input) {
-                Ok(n) => n,
-                Err(error) if matches!(error.kind(), io::ErrorKind::TimedOut | io::ErrorKind::Interrupted) => 0,
-                Err(error) => return Err(Error::at(self.name, error)),
-            };
-            let now = self.now();
+            let before = self.clock.now();
+            let n = self.port.read(&mut input, WAIT)?;
+            let now = self.clock.now();
             let waited = now.since(before + Duration::try_from(WAIT).unwrap_or(Duration::ZERO));
             self.pause = self.pause.max(waited);
             survey.receive(now, &input[..n]);

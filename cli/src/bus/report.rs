@@ -58,7 +58,8 @@ pub(super) struct Finding {
 
 /// A finished survey.
 pub(super) struct Report<'a> {
-    pub(super) baud: u32,
+    /// The baud rate of a serial port.
+    pub(super) baud: Option<u32>,
     pub(super) survey: &'a Survey,
     /// The longest time that this computer did not run the program when it should have.
     pub(super) pause: Duration,
@@ -190,10 +191,11 @@ impl Report<'_> {
             ]);
         }
         let pause = self.pause.as_micros() as f64 / 1e3;
+        let baud = self.baud.map_or_else(String::new, |baud| format!("{baud} baud; "));
         let _ = writeln!(
             text,
-            "{} baud; {} noise bytes, {} answers without a request, {} echoes; longest pause of this computer {pause:.1} ms",
-            self.baud, self.survey.noise, self.survey.unsolicited, self.survey.echoes
+            "{baud}{} noise bytes, {} answers without a request, {} echoes; longest pause of this computer {pause:.1} ms",
+            self.survey.noise, self.survey.unsolicited, self.survey.echoes
         );
         for finding in self.findings() {
             let _ = writeln!(text, "{}: {}", finding.kind.name(), finding.text);

@@ -5,9 +5,9 @@ use armwire_bridge::{Duration, Instant};
 use armwire_feetech::register::{self, Register};
 use armwire_feetech::{Event, Feetech, Host, MAX_FRAME, Request, Status};
 
-/// Time beyond the line's after which an answer is late.
+/// Time beyond the line's after which an answer is late, on a serial port.
 const LATENCY: Duration = Duration::from_millis(40);
-/// Time after which a late answer is lost.
+/// Time after which a late answer is lost, on a serial port.
 const STALE: Duration = Duration::from_millis(500);
 /// Shortest time from one reading of all servos to the next.
 const PERIOD: Duration = Duration::from_millis(10);
@@ -78,7 +78,7 @@ fn value(bytes: &[u8], first: u8, row: Register) -> Option<i32> {
 
 /// The purpose of a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum What {
+enum Purpose {
     /// A servo with this id.
     Id,
     /// Settings or readings of the servo with this index.
@@ -89,7 +89,7 @@ enum What {
 /// The request in flight.
 #[derive(Clone, Copy, Debug)]
 struct Asked {
-    what: What,
+    purpose: Purpose,
     id: u8,
     area: (u8, u8),
     at: Instant,
@@ -97,9 +97,21 @@ struct Asked {
     is_damaged: bool,
 }
 
+/// The timing of a serial port at this baud rate.
+pub(super) fn timing(baud: u32) -> Config {
+    Config {
+        baud: baud.try_into().ok(),
+        latency: LATENCY,
+        stale_window: STALE,
+        ..Config::DEFAULT
+    }
+}
+
 /// A survey of the servos with some ids.
 pub(super) struct Survey {
     host: Host<64>,
+    /// Time after which no answer to a request arrives any more.
+    lost_after: Duration,
     /// Servos are searched for: an answer may still come.
     is_searching: bool,
     /// Ids that were not asked for yet, the last one first.
@@ -115,15 +127,11 @@ pub(super) struct Survey {
 }
 
 impl Survey {
-    pub(super) fn new(ids: &[u8], baud: u32) -> Self {
-        let config = Config {
-            baud: baud.try_into().ok(),
-            latency: LATENCY,
-            stale_window: STALE,
-            ..Config::DEFAULT
-        };
+    /// A survey of the servos with these ids on a line with this timing.
+    pub(super) fn new(ids: &[u8], config: Config) -> Self {
         Self {
             host: Host::new(Feetech::default(), config),
+            lost_after: config.latency + config.stale_window,
             is_searching: true,
             ids: ids.iter().rev().copied().collect(),
             servos: Vec::new(),
@@ -141,6 +149,11 @@ impl Survey {
         self.is_searching
     }
 
+    /// The number of ids that were not asked for yet.
+    pub(super) fn ids_left(&self) -> usize {
+        self.ids.len()
+    }
+
     /// Writes the next request, if it is time for one, and returns its length. Each is a read.
     pub(super) fn request(&mut self, now: Instant, out: &mut [u8; MAX_FRAME]) -> Option<usize> {
         if self.asked.is_some() {
@@ -151,22 +164,22 @@ impl Survey {
             self.is_searching = !self.host.exchange.is_idle();
             return None;
         }
-        let (what, id, area) = self.next(now)?;
+        let (purpose, id, area) = self.next(now)?;
         let (address, len) = area;
         let sent = self.host.send(&Request::Read { id, address, len }, now, out);
-        match what {
-            What::Id => drop(self.ids.pop()),
-            What::Settings(index) => {
+        match purpose {
+            Purpose::Id => drop(self.ids.pop()),
+            Purpose::Settings(index) => {
                 let servo = &mut self.servos[index];
-                (servo.tries, servo.next_try) = (servo.tries + 1, now + LATENCY + STALE);
+                (servo.tries, servo.next_try) = (servo.tries + 1, now + self.lost_after);
             }
-            What::Readings(_) => self.next += 1,
+            Purpose::Readings(_) => self.next += 1,
         }
         // An answer of this servo may still arrive: it is asked again in the next round.
         let n = sent.ok().flatten()?;
         let (at, is_damaged) = (now, false);
         self.asked = Some(Asked {
-            what,
+            purpose,
             id,
             area,
             at,
@@ -176,20 +189,20 @@ impl Survey {
     }
 
     /// The next request, if it is time for one.
-    fn next(&mut self, now: Instant) -> Option<(What, u8, (u8, u8))> {
+    fn next(&mut self, now: Instant) -> Option<(Purpose, u8, (u8, u8))> {
         if let Some(id) = self.ids.last() {
             // Not a ping, whose echo is the answer of a servo with an error.
-            return Some((What::Id, *id, (register::ID.address, register::ID.len)));
+            return Some((Purpose::Id, *id, (register::ID.address, register::ID.len)));
         }
         let lacks_settings = |servo: &Servo| servo.settings.is_empty() && servo.tries < TRIES && servo.next_try <= now;
         if let Some(index) = self.servos.iter().position(lacks_settings) {
-            return Some((What::Settings(index), self.servos[index].id, SETTINGS));
+            return Some((Purpose::Settings(index), self.servos[index].id, SETTINGS));
         }
         if self.next >= self.servos.len() && self.round + PERIOD <= now {
             (self.next, self.round) = (0, now);
         }
         let servo = self.servos.get(self.next)?;
-        Some((What::Readings(self.next), servo.id, READINGS))
+        Some((Purpose::Readings(self.next), servo.id, READINGS))
     }
 
     /// Takes received bytes, and the time.
@@ -266,13 +279,13 @@ fn found(servos: &mut Vec<Servo>, status: Status<'_>) {
 }
 
 fn answered(servos: &mut Vec<Servo>, asked: Asked, now: Instant, status: Status<'_>) {
-    let (What::Settings(index) | What::Readings(index)) = asked.what else {
+    let (Purpose::Settings(index) | Purpose::Readings(index)) = asked.purpose else {
         return found(servos, status);
     };
     let servo = &mut servos[index];
     servo.errors |= status.error;
-    match asked.what {
-        What::Settings(_) => servo.settings = status.data.to_vec(),
+    match asked.purpose {
+        Purpose::Settings(_) => servo.settings = status.data.to_vec(),
         _ => {
             servo.latencies.push(now.since(asked.at));
             servo.take_readings(status.data);
@@ -281,7 +294,7 @@ fn answered(servos: &mut Vec<Servo>, asked: Asked, now: Instant, status: Status<
 }
 
 fn missing(servos: &mut [Servo], asked: Asked) {
-    if let What::Readings(index) = asked.what {
+    if let Purpose::Readings(index) = asked.purpose {
         match asked.is_damaged {
             true => servos[index].damaged += 1,
             false => servos[index].lost += 1,
@@ -298,7 +311,10 @@ mod tests {
 
     /// Surveys a virtual arm for a second of virtual time, with these orders once its servos are found.
     fn survey(mut arm: So101, orders: &[&str]) -> Survey {
-        let (mut survey, mut out) = (Survey::new(&[0, 1, 2, 3, 4, 5, 6, 7], 1_000_000), [0; MAX_FRAME]);
+        let (mut survey, mut out) = (
+            Survey::new(&[0, 1, 2, 3, 4, 5, 6, 7], timing(1_000_000)),
+            [0; MAX_FRAME],
+        );
         let mut orders = Some(orders);
         for micros in (0..2_000_000).step_by(50) {
             let now = Instant::from_micros(micros);

@@ -1,5 +1,6 @@
 //! `armwire bus` on a virtual SO-101.
 
+use std::fs::File;
 use std::io::{BufRead, BufReader, Read};
 use std::process::Command;
 
@@ -8,10 +9,10 @@ use serde_json::Value;
 
 use crate::common::{Arm, PROGRAM, failure, finish, run, start, usage};
 
-/// The report of a second on a virtual arm with these options, and the exit status and errors of the command.
+/// The report on a virtual arm with these options, and the exit status and errors of the command.
 fn report(name: &str, sim: &[&str], bus: &[&str]) -> (String, Option<i32>, String) {
     let arm = Arm::start("so101", name, sim);
-    let output = run(&[&["bus", &arm.port, "--seconds", "1"][..], bus].concat());
+    let output = run(&[&["bus", &arm.port][..], bus].concat());
     arm.stop(Signal::INT);
     let text = |bytes| String::from_utf8(bytes).unwrap();
     (text(output.stdout), output.status.code(), text(output.stderr))
@@ -19,7 +20,11 @@ fn report(name: &str, sim: &[&str], bus: &[&str]) -> (String, Option<i32>, Strin
 
 #[test]
 fn healthy_bus_has_a_line_for_each_servo() {
-    let (text, status, progress) = report("bus", &[], &["--fail-on", "damaged,errors,differs,noise,echo"]);
+    let (text, status, progress) = report(
+        "bus",
+        &[],
+        &["--seconds", "1", "--fail-on", "damaged,errors,differs,noise,echo"],
+    );
     assert_eq!(status, Some(0), "{progress}");
     let lines: Vec<_> = text.lines().collect();
     assert!(lines[0].contains("model  firmware"), "{text}");
@@ -39,7 +44,11 @@ fn healthy_bus_has_a_line_for_each_servo() {
 #[test]
 fn findings_have_advice_and_fail_on_demand() {
     let sim = ["--volts", "3.9", "--ids", "1,2", "--models", "777,2825", "--echo"];
-    let (text, status, errors) = report("bus-findings", &sim, &["--fail-on", "errors,differs,echo"]);
+    let (text, status, errors) = report(
+        "bus-findings",
+        &sim,
+        &["--seconds", "1", "--fail-on", "errors,differs,echo"],
+    );
     assert_eq!(status, Some(1));
     for line in [
         "errors: servo 1 reports voltage: its supply is 3.9 to 3.9 V, its registers 15 and 14 allow 4.0 to 8.0 V",
@@ -54,7 +63,7 @@ fn findings_have_advice_and_fail_on_demand() {
 #[test]
 fn noise_blames_no_other_program() {
     for (name, fault) in [("bus-twice", "--twice"), ("bus-damaged", "--damaged")] {
-        let (text, ..) = report(name, &[fault, "40"], &[]);
+        let (text, ..) = report(name, &[fault, "40"], &["--seconds", "1"]);
         let noise = text.lines().find(|line| line.starts_with("noise: ")).unwrap();
         assert!(noise.contains(": of damaged or repeated answers, "), "{noise}");
     }
@@ -62,7 +71,7 @@ fn noise_blames_no_other_program() {
 
 #[test]
 fn json_has_counts_and_settings() {
-    let (text, status, errors) = report("bus-json", &["--error", "2 32"], &["--json"]);
+    let (text, status, errors) = report("bus-json", &["--error", "2 32"], &["--seconds", "1", "--json"]);
     assert_eq!((status, &*errors), (Some(0), ""));
     let report: Value = serde_json::from_str(&text).unwrap();
     let servo = &report["servos"][1];
@@ -104,7 +113,10 @@ fn interrupted_report_has_what_was_read() {
         .unwrap();
     assert!(progress.contains("6 servos"), "{progress}");
     let error = failure(&run(&["bus", &arm.port, "--seconds", "1"]));
-    assert!(error.contains("another program uses the port"), "{error}");
+    assert!(
+        error.contains("in use by another program, armwire (process "),
+        "{error}"
+    );
     kill_process(Pid::from_child(&child), Signal::INT).unwrap();
     let mut text = String::new();
     child.stdout.take().unwrap().read_to_string(&mut text).unwrap();
@@ -123,8 +135,51 @@ fn another_arm_and_no_port_are_errors() {
         "{error}"
     );
     arm.stop(Signal::INT);
-    let error = failure(&run(&["bus", "/nowhere/tty"]));
-    assert!(error.starts_with("/nowhere/tty: "), "{error}");
+    for (port, reason) in [
+        ("/nowhere/tty", "/nowhere/tty: no such port"),
+        ("/dev/null", "/dev/null: not a serial port"),
+        (
+            "usb:no-such-number",
+            "usb:no-such-number: no port has this USB serial number",
+        ),
+    ] {
+        let error = failure(&run(&["bus", port]));
+        assert!(error.starts_with(reason), "{error}");
+    }
+    // No option of this command opens an arm of another kind.
+    let error = failure(&run(&["bus", "192.168.1.10"]));
+    assert_eq!(
+        error,
+        "192.168.1.10: no such port; a server of a serial port is tcp:HOST:PORT"
+    );
+    for port in ["hid:", "control:/tmp/control"] {
+        let error = usage(&["bus", port]);
+        assert!(error.contains(port) && !error.contains("arm "), "{error}");
+    }
+}
+
+#[test]
+fn program_that_takes_the_answers_is_named() {
+    let arm = Arm::start("so101", "bus-shared", &["--unplugged", "1"]);
+    let other = File::open(&arm.port).unwrap();
+    let error = failure(&run(&["bus", &arm.port, "--ids", "1", "--baud", "1000000"]));
+    assert!(
+        error.contains("no servo answers to the 1 ids") && error.contains("the port is also open in another program"),
+        "{error}"
+    );
+    drop(other);
+    arm.stop(Signal::INT);
+}
+
+#[test]
+fn progress_is_shown_if_so_asked() {
+    let (text, status, errors) = report("bus-progress", &[], &["--seconds", "1.5", "--json", "--progress"]);
+    assert_eq!(status, Some(0), "{errors}");
+    assert!(serde_json::from_str::<Value>(&text).is_ok(), "{text}");
+    assert!(
+        errors.starts_with("armwire: 1 s: ") && errors.contains(" answers, "),
+        "{errors}"
+    );
 }
 
 #[test]

@@ -8,23 +8,25 @@ use std::time::{Duration, Instant};
 use armwire_bridge::time;
 use armwire_sim::ling::{Config, LingArm};
 use armwire_sim::serial::SerialDevice;
+use armwire_sim::so101::{self, So101};
+use serde_json::Value;
 
 use crate::common::{failure, run, success, usage};
 
-/// Serves an arm to one program after another. Returns the name of its port for the command.
-fn serve() -> String {
+/// Serves an arm, each time a new one, to one program after another. Returns the name of its port for the command.
+fn serve<D: SerialDevice>(arm: impl Fn() -> D + Send + 'static) -> String {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let port = format!("tcp:{}", listener.local_addr().unwrap());
     thread::spawn(move || {
         for stream in listener.incoming() {
-            forward(stream.unwrap(), LingArm::new(Config::follower()));
+            forward(stream.unwrap(), arm());
         }
     });
     port
 }
 
 /// Forwards bytes until the program disconnects.
-fn forward(mut stream: TcpStream, mut arm: LingArm) {
+fn forward(mut stream: TcpStream, mut arm: impl SerialDevice) {
     let start = Instant::now();
     stream.set_read_timeout(Some(Duration::from_millis(1))).unwrap();
     let mut bytes = [0; 256];
@@ -46,7 +48,7 @@ fn forward(mut stream: TcpStream, mut arm: LingArm) {
 
 #[test]
 fn arm_behind_a_server_works_as_on_port() {
-    let port = serve();
+    let port = serve(|| LingArm::new(Config::follower()));
     for args in [
         &["info", &port][..],
         &["call", "ling", &port, "read-info"],
@@ -55,6 +57,19 @@ fn arm_behind_a_server_works_as_on_port() {
         assert!(!success(args).is_empty());
     }
     assert!(success(&["info", &port]).contains("arm              Ling follower"));
+}
+
+#[test]
+fn servo_bus_behind_a_server_has_a_report_without_a_baud_rate() {
+    let port = serve(|| So101::new(so101::Config::default()));
+    let report: Value = serde_json::from_str(&success(&["bus", &port, "--seconds", "0.5", "--json"])).unwrap();
+    assert_eq!(report["servos"].as_array().unwrap().len(), 6);
+    assert!(report["baud"].is_null(), "{report}");
+    let output = run(&["bus", &port, "--seconds", "0.5", "--ids", "1-2"]);
+    let text = String::from_utf8(output.stdout).unwrap();
+    assert!(text.lines().any(|line| line.starts_with("0 noise bytes, ")), "{text}");
+    let error = usage(&["bus", &port, "--baud", "500000"]);
+    assert!(error.contains("--baud applies to serial ports only"), "{error}");
 }
 
 #[test]
