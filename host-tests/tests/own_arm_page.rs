@@ -27,7 +27,7 @@ fn lines(text: &str) -> Vec<&str> {
 
 #[test]
 fn code_on_the_page_is_that_of_the_example() {
-    let sources = files("src");
+    let sources = [files("src"), files("examples")].concat();
     let mut count = 0;
     for block in blocks("rust") {
         let block = lines(block);

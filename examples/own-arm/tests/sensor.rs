@@ -1,6 +1,7 @@
 //! Calls to the virtual sensor over a line with faults, in virtual time.
 
 use std::collections::VecDeque;
+use std::convert::Infallible;
 
 use armwire::decoder::{Decoder, Kind};
 use armwire::framing::Framing;
@@ -54,11 +55,13 @@ impl Line {
 }
 
 impl Port for Line {
+    type Error = Infallible;
+
     fn now(&self) -> Instant {
         self.now
     }
 
-    fn write(&mut self, bytes: &[u8]) -> usize {
+    fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
         let bytes = &bytes[..bytes.len().min(self.chunk)];
         let Self {
             arriving, faults, now, ..
@@ -77,10 +80,10 @@ impl Port for Line {
             }
             arriving.extend(answer.iter().map(|byte| (at, *byte)));
         });
-        bytes.len() + usize::from(self.is_faulty)
+        Ok(bytes.len() + usize::from(self.is_faulty))
     }
 
-    fn read(&mut self, space: &mut [u8], until: Option<Instant>) -> usize {
+    fn read(&mut self, space: &mut [u8], until: Option<Instant>) -> Result<usize, Infallible> {
         let until = until.expect("a call always has a timeout");
         self.now = match self.arriving.front() {
             Some(&(at, _)) if at <= until => self.now.max(at),
@@ -91,7 +94,7 @@ impl Port for Line {
         for (to, (_, byte)) in space.iter_mut().zip(self.arriving.drain(..n)) {
             *to = byte;
         }
-        n
+        Ok(n)
     }
 }
 
@@ -188,7 +191,7 @@ fn echo_is_reported() {
 fn faulty_port_ends_only_its_call() {
     let (mut line, mut client) = (Line::new(&[]), client());
     line.is_faulty = true;
-    assert_eq!(read_angle(&mut client, &mut line, 3), Err(CallError::Port));
+    assert_eq!(read_angle(&mut client, &mut line, 3), Err(CallError::Overrun));
     line.is_faulty = false;
     assert_eq!(read_angle(&mut client, &mut line, 4), Ok(angle(4)));
 }
