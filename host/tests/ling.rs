@@ -64,6 +64,25 @@ fn move_without_torque_is_refused_and_moves_nothing() {
     });
 }
 
+#[test]
+fn move_slower_than_the_arm_knows_is_refused() {
+    let slow = |speed| Move {
+        joints: [(Position::CENTRE, Speed::new(speed).unwrap()); 6],
+        ..far_target()
+    };
+    let text = "joint speed (an arm may take less than 50 ticks/s for 0) is 49 ticks/s, must be 50..=5000";
+    with_own_arm(|mut arm, _| {
+        patient(|| arm.read_joints()).unwrap();
+        let error = arm.move_to(&slow(49)).unwrap_err();
+        assert_eq!(error.to_string(), format!("{}: {text}", arm.name()));
+        assert!(!arm.has_moved(), "it was sent");
+        patient(|| arm.move_to(&slow(50))).unwrap();
+        let mut stream = arm.into_stream();
+        let error = stream.move_to(&slow(49)).unwrap_err();
+        assert!(error.to_string().ends_with(text), "{error}");
+    });
+}
+
 #[cfg(target_os = "linux")]
 #[test]
 fn second_opening_in_one_process_is_in_use_by_it() {

@@ -246,10 +246,12 @@ impl Ling {
     ///
     /// # Errors
     ///
-    /// [`Error::TorqueOff`], [`Error::Immovable`] and [`Error::MotionRefused`], and nothing is sent. The joints are read
+    /// [`Error::At`] of a joint speed under the arm's [`slowest`](Self::slowest). [`Error::TorqueOff`],
+    /// [`Error::Immovable`] and [`Error::MotionRefused`]. The arm is not moved by any of them. The joints are read
     /// before the first move, and before a move after a reading that forbade it. The adapter is asked as by
     /// [`check_refusal`](Self::check_refusal), in a stream of moves once a second.
     pub fn move_to(&mut self, target: &Move) -> Result<(), Error> {
+        self.require_known_speeds(target)?;
         if !self.may_move {
             self.require_torque()?;
         }
@@ -452,6 +454,15 @@ impl Ling {
     /// True if a reading, the last one, permits motion.
     fn permits_motion(&self, state: &JointState) -> bool {
         state.status.check_motion().is_ok() && !self.known.must_be_off()
+    }
+
+    /// Fails if a joint's speed is one that the arm may take for 0.
+    fn require_known_speeds(&self, target: &Move) -> Result<(), Error> {
+        for (_, speed) in target.joints {
+            Speed::from_slowest(self.slowest(), speed.ticks_per_second())
+                .map_err(|error| Error::at(self.name(), error))?;
+        }
+        Ok(())
     }
 
     /// Sends a move.

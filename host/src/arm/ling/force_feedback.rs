@@ -204,7 +204,10 @@ mod tests {
     use std::mem;
     use std::time::Duration;
 
-    use armwire::ling::{JOINTS, JointForce, JointMask, JointState, MAX_FRAME, MotionStatus, PerServo, Stroke};
+    use armwire::ling::{
+        GripperSpeed, JOINTS, JointForce, JointMask, JointState, MAX_FRAME, MotionStatus, Move, Opening, PerServo,
+        Position, Stroke,
+    };
     use armwire::messages::Messages;
 
     use super::*;
@@ -282,5 +285,22 @@ mod tests {
         assert_eq!(arm.slowest(), Speed::SLOWEST);
         assert_eq!(arm.read_mode().unwrap().mode, ControlMode::Position);
         assert_eq!(arm.slowest(), Speed::SLOWEST_OF_FORCE_FEEDBACK);
+    }
+
+    #[test]
+    fn leader_that_answered_for_its_mode_moves_slowly() {
+        let line = Damaging {
+            left: 0,
+            answers: Vec::new(),
+        };
+        let mut arm = super::super::tests::ling(Box::new(line));
+        let target = Move {
+            joints: [(Position::CENTRE, Speed::SLOWEST_OF_FORCE_FEEDBACK); JOINTS],
+            gripper: (Opening::OPEN, GripperSpeed(1_000)),
+        };
+        arm.move_to(&target).unwrap_err();
+        arm.read_mode().unwrap();
+        arm.move_to(&target).unwrap();
+        assert!(arm.has_moved());
     }
 }

@@ -89,8 +89,10 @@ impl Stream {
     /// # Errors
     ///
     /// [`Error::TorqueOff`] if the last reading shows the torque off, [`Error::Immovable`] if it forbids motion otherwise,
-    /// [`Error::At`] if there is none since the torque was or may have been switched: nothing is sent. The line fails.
+    /// [`Error::At`] if there is none since the torque was or may have been switched, and of a joint speed under the arm's
+    /// [`slowest`](Ling::slowest): nothing is sent. The line fails.
     pub fn move_to(&mut self, target: &Move) -> Result<(), Error> {
+        self.arm.require_known_speeds(target)?;
         match (self.arm.may_move, self.state) {
             (true, _) => self.arm.start(target),
             (false, Some(state)) => Err(self.arm.immovable(&state, TorqueOffEffect::MotionEnded)),
