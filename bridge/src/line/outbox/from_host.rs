@@ -4,7 +4,7 @@ use core::ops::Range;
 
 use armwire::correlation::Correlation;
 use armwire::decoder::{Decoder, Kind, Span};
-use armwire::framing::{Framing, LONGEST_VOID, Scan};
+use armwire::framing::{Framing, Scan};
 
 use crate::arm::Info;
 use crate::config::ArmKind;
@@ -26,7 +26,7 @@ const QUIET_TIME: Duration = Duration::from_millis(5);
 const RAW_TURN: Duration = Duration::from_millis(100);
 
 /// The length of a void in bytes: zeros that end every incomplete request in the arm's receiver.
-pub(crate) const VOID: usize = LONGEST_VOID;
+pub(crate) const VOID: usize = ArmKind::VOID.expect("zeros void a request to every arm");
 
 /// Bytes from the host on USB.
 pub(crate) struct FromHost {
