@@ -562,62 +562,10 @@ mod tests {
     use armwire_bridge::control::{self, FromAdapter, FromHost, Initiator, Reply};
 
     use super::*;
+    use crate::arm::fake::{self, FakeLine, frame};
     use crate::describe::Arm;
-    use crate::error::text::Text;
     use crate::ports::control::{Received, Transport};
-    use crate::ports::line::{Line, Names, Reception};
-
-    /// A line that fails once it has taken this number of writes.
-    struct Failing(usize);
-
-    impl Line for Failing {
-        fn name(&self) -> &str {
-            "fake"
-        }
-
-        fn read(&mut self, _: &mut [u8], _: Duration) -> Result<usize, Error> {
-            Ok(0)
-        }
-
-        fn write(&mut self, bytes: &[u8]) -> Result<usize, Error> {
-            self.0 = self.0.checked_sub(1).ok_or_else(|| Error::at("fake", "no"))?;
-            Ok(bytes.len())
-        }
-
-        fn hint(&self, _: Reception, _: Names) -> Text {
-            Text::default()
-        }
-    }
-
-    /// A line whose arm answers each request with its joints, and holds its pose.
-    struct Holding(bool);
-
-    impl Line for Holding {
-        fn name(&self) -> &str {
-            "fake"
-        }
-
-        fn read(&mut self, buf: &mut [u8], _: Duration) -> Result<usize, Error> {
-            let response = Response::Joints(JointState {
-                joints: [2048; JOINTS],
-                gripper: 500,
-                status: MotionStatus::Locked,
-            });
-            match std::mem::take(&mut self.0) {
-                true => Ok(Protocol.encode_response(&response, None, buf).unwrap()),
-                false => Ok(0),
-            }
-        }
-
-        fn write(&mut self, bytes: &[u8]) -> Result<usize, Error> {
-            self.0 = true;
-            Ok(bytes.len())
-        }
-
-        fn hint(&self, _: Reception, _: Names) -> Text {
-            Text::default()
-        }
-    }
+    use crate::ports::line::Line;
 
     /// An arm on this line.
     pub(super) fn ling(line: Box<dyn Line>) -> Ling {
@@ -638,69 +586,43 @@ mod tests {
     }
 
     fn holding() -> Ling {
-        ling(Box::new(Holding(false)))
+        ling(FakeLine::boxed(|bytes| Ok(fake::holding(bytes))))
     }
 
-    /// A robot with two arms that answers for its control mode as a force-feedback leader.
-    struct TwoArms {
-        answer: Vec<u8>,
-        changes: mpsc::Sender<Request>,
-    }
-
-    impl Line for TwoArms {
-        fn name(&self) -> &str {
-            "fake"
-        }
-
-        fn read(&mut self, buf: &mut [u8], _: Duration) -> Result<usize, Error> {
-            let answer = std::mem::take(&mut self.answer);
-            buf[..answer.len()].copy_from_slice(&answer);
-            Ok(answer.len())
-        }
-
-        fn write(&mut self, bytes: &[u8]) -> Result<usize, Error> {
-            let mut out = [0; MAX_FRAME];
-            let n = match Protocol.parse_request(bytes).unwrap() {
-                Request::ReadMode => {
-                    let state = ModeState {
-                        mode: ControlMode::Position,
-                        blocked: JointMask(0),
-                        valid: JointMask(0),
-                        joints: [JointForce::default(); JOINTS],
-                    };
-                    Protocol
-                        .encode_response(&Response::Mode(state), None, &mut out)
-                        .unwrap()
-                }
-                Request::ReadJoints => {
-                    let (command, function, data) = (0x06, 0x00, &[0; 33][..]);
-                    Frame {
-                        command,
-                        function,
-                        data,
-                    }
-                    .encode(&mut out)
-                    .unwrap()
-                }
-                change => {
-                    self.changes.send(change).unwrap();
-                    0
-                }
-            };
-            self.answer.extend(&out[..n]);
-            Ok(bytes.len())
-        }
-
-        fn hint(&self, _: Reception, _: Names) -> Text {
-            Text::default()
+    /// The answer of a robot with two arms that answers for its control mode as a force-feedback leader. `None` for a change.
+    fn answer_of_two_arms(request: &Request) -> Option<Vec<u8>> {
+        match request {
+            Request::ReadMode => Some(frame(&Response::Mode(ModeState {
+                mode: ControlMode::Position,
+                blocked: JointMask(0),
+                valid: JointMask(0),
+                joints: [JointForce::default(); JOINTS],
+            }))),
+            Request::ReadJoints => {
+                let (command, function, data) = (0x06, 0x00, &[0; 33][..]);
+                let mut out = [0; MAX_FRAME];
+                let frame = Frame {
+                    command,
+                    function,
+                    data,
+                };
+                let n = frame.encode(&mut out).unwrap();
+                Some(out[..n].to_vec())
+            }
+            _ => None,
         }
     }
 
     #[test]
     fn another_robot_gets_no_force_feedback() {
         let (changes, sent) = mpsc::channel();
-        let answer = Vec::new();
-        let mut arm = ling(Box::new(TwoArms { answer, changes }));
+        let mut arm = ling(FakeLine::boxed(move |bytes| {
+            let request = Protocol.parse_request(bytes).unwrap();
+            Ok(answer_of_two_arms(&request).unwrap_or_else(|| {
+                changes.send(request).unwrap();
+                Vec::new()
+            }))
+        }));
         arm.read_mode().unwrap();
         let error = arm.set_mode(ControlMode::Current).unwrap_err();
         assert!(matches!(error, Error::Immovable { .. }), "{error}");
@@ -738,7 +660,11 @@ mod tests {
     fn grip_is_kept_until_torque_off_is_sent() {
         for (writes, has_moved) in [(0, true), (1, false)] {
             for effect in [Effect::Torque(Torque::Off), Effect::Zero] {
-                let mut arm = ling(Box::new(Failing(writes)));
+                let mut left = writes;
+                let mut arm = ling(FakeLine::boxed(move |_| {
+                    left = usize::checked_sub(left, 1).ok_or_else(|| Error::at("fake", "no"))?;
+                    Ok(Vec::new())
+                }));
                 arm.gripper = Some(Opening::OPEN);
                 assert_eq!(arm.send(effect).is_err(), has_moved);
                 assert_eq!(arm.has_moved(), has_moved);

@@ -1,6 +1,8 @@
 //! Arms: their requests, and what a motion depends on.
 
 pub(crate) mod alpha1;
+#[cfg(test)]
+mod fake;
 pub mod joints_file;
 pub(crate) mod known;
 mod legacy;

@@ -105,71 +105,25 @@ fn not_stopped(link: &Link<Ling>, cause: Text) -> Error {
 
 #[cfg(test)]
 mod tests {
-    use armwire::ling::{JointState, MAX_FRAME, MotionStatus, Torque};
+    use armwire::ling::{MAX_FRAME, Torque};
     use armwire::messages::Messages;
-    use armwire::{Device, DeviceEvent};
 
     use super::*;
+    use crate::arm::fake::{self, FakeLine};
     use crate::describe::Arm;
-    use crate::ports::line::{Line, Names, Reception};
 
-    /// An arm at rest, on a line that fails before the first byte of some writes.
-    struct Failing {
-        /// Returns true if the write with this number, from 1, fails.
-        fails: fn(&[u8], usize) -> bool,
-        writes: usize,
-        arm: Device<Ling, MAX_FRAME>,
-        answer: Vec<u8>,
-    }
-
-    impl Line for Failing {
-        fn name(&self) -> &str {
-            "fake"
-        }
-
-        fn read(&mut self, buf: &mut [u8], _: Duration) -> Result<usize, Error> {
-            let answer = std::mem::take(&mut self.answer);
-            buf[..answer.len()].copy_from_slice(&answer);
-            Ok(answer.len())
-        }
-
-        fn write(&mut self, bytes: &[u8]) -> Result<usize, Error> {
-            self.writes += 1;
-            if (self.fails)(bytes, self.writes) {
-                return Err(Error::at("fake", "no"));
-            }
-            assert!(self.arm.receive(bytes).is_empty());
-            while let Some(event) = self.arm.poll() {
-                if let DeviceEvent::Request { request, .. } = event
-                    && request == Request::ReadJoints
-                {
-                    let response = Response::Joints(JointState {
-                        joints: [2048; 6],
-                        gripper: 500,
-                        status: MotionStatus::Locked,
-                    });
-                    let mut out = [0; MAX_FRAME];
-                    let n = Ling.encode_response(&response, None, &mut out).unwrap();
-                    self.answer = out[..n].to_vec();
-                }
-            }
-            Ok(bytes.len())
-        }
-
-        fn hint(&self, _: Reception, _: Names) -> Text {
-            Text::default()
-        }
-    }
-
-    /// Stops the arm on such a line.
+    /// Stops an arm at rest on a line that fails before the first byte of some writes: `fails` returns true for the bytes
+    /// and the number of such a write, from 1.
     fn stop_with(fails: fn(&[u8], usize) -> bool) -> Result<Stopped, Error> {
-        let line = Failing {
-            fails,
-            writes: 0,
-            arm: Device::new(Ling),
-            answer: Vec::new(),
-        };
-        stop(&mut Link::new(Box::new(line), Ling::CONFIG), &mut Stop::new(None))
+        let mut writes = 0;
+        let line = FakeLine::boxed(move |bytes| {
+            writes += 1;
+            match fails(bytes, writes) {
+                true => Err(Error::at("fake", "no")),
+                false => Ok(fake::holding(bytes)),
+            }
+        });
+        stop(&mut Link::new(line, Ling::CONFIG), &mut Stop::new(None))
     }
 
     /// Returns true for the end of a host's stream.

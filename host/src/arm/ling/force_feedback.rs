@@ -201,78 +201,38 @@ impl Shared<Ling> {
 
 #[cfg(test)]
 mod tests {
-    use std::mem;
-    use std::time::Duration;
-
-    use armwire::ling::{
-        GripperSpeed, JOINTS, JointForce, JointMask, JointState, MAX_FRAME, MotionStatus, Move, Opening, PerServo,
-        Position, Stroke,
-    };
+    use armwire::ling::{GripperSpeed, JOINTS, JointForce, JointMask, Move, Opening, Position};
     use armwire::messages::Messages;
 
     use super::*;
-    use crate::error::text::Text;
-    use crate::ports::line::{Line, Names, Reception};
+    use crate::arm::fake::{self, FakeLine, frame};
 
-    /// The line of a leader. This number of answers for its mode arrive damaged.
-    struct Damaging {
-        left: u8,
-        answers: Vec<u8>,
-    }
-
-    impl Line for Damaging {
-        fn name(&self) -> &str {
-            "fake"
-        }
-
-        fn read(&mut self, buf: &mut [u8], _: Duration) -> Result<usize, Error> {
-            let answers = mem::take(&mut self.answers);
-            buf[..answers.len()].copy_from_slice(&answers);
-            Ok(answers.len())
-        }
-
-        fn write(&mut self, bytes: &[u8]) -> Result<usize, Error> {
-            let request = armwire::ling::Ling.parse_request(bytes);
-            let response = match request {
-                Ok(Request::ReadMode) => Response::Mode(ModeState {
-                    mode: ControlMode::Position,
-                    blocked: JointMask(0),
-                    valid: JointMask(0x3F),
-                    joints: [JointForce::default(); JOINTS],
-                }),
-                // Fences.
-                Ok(Request::ReadStroke) => Response::Stroke(Stroke::Mm50),
-                Ok(Request::ReadTemperatures) => Response::Temperatures(PerServo::Follower([30; 10])),
-                Ok(Request::ReadVelocities) => Response::Velocities(PerServo::Follower([0; 10])),
-                _ => Response::Joints(JointState {
-                    joints: [2048; JOINTS],
-                    gripper: 500,
-                    status: MotionStatus::Locked,
-                }),
-            };
-            let mut out = [0; MAX_FRAME];
-            let n = armwire::ling::Ling.encode_response(&response, None, &mut out).unwrap();
-            if request == Ok(Request::ReadMode) && self.left > 0 {
-                self.left -= 1;
-                out[6] ^= 1;
+    /// A leader. So many of its answers for its mode arrive damaged.
+    fn leader(damaged: u8) -> Ling {
+        let mut left = damaged;
+        let line = FakeLine::boxed(move |bytes| {
+            if armwire::ling::Ling.parse_request(bytes) != Ok(Request::ReadMode) {
+                return Ok(fake::holding(bytes));
             }
-            self.answers.extend(&out[..n]);
-            Ok(bytes.len())
-        }
-
-        fn hint(&self, _: Reception, _: Names) -> Text {
-            Text::default()
-        }
+            let mut answer = frame(&Response::Mode(ModeState {
+                mode: ControlMode::Position,
+                blocked: JointMask(0),
+                valid: JointMask(0x3F),
+                joints: [JointForce::default(); JOINTS],
+            }));
+            if left > 0 {
+                left -= 1;
+                answer[6] ^= 1;
+            }
+            Ok(answer)
+        });
+        super::super::tests::ling(line)
     }
 
     #[test]
     fn damaged_answer_for_the_mode_names_no_arm() {
         // A call makes three attempts.
-        let line = Damaging {
-            left: 3,
-            answers: Vec::new(),
-        };
-        let mut arm = super::super::tests::ling(Box::new(line));
+        let mut arm = leader(3);
         let error = arm.read_mode().unwrap_err();
         let is_damaged = matches!(
             error,
@@ -289,11 +249,7 @@ mod tests {
 
     #[test]
     fn leader_that_answered_for_its_mode_moves_slowly() {
-        let line = Damaging {
-            left: 0,
-            answers: Vec::new(),
-        };
-        let mut arm = super::super::tests::ling(Box::new(line));
+        let mut arm = leader(0);
         let target = Move {
             joints: [(Position::CENTRE, Speed::SLOWEST_OF_FORCE_FEEDBACK); JOINTS],
             gripper: (Opening::OPEN, GripperSpeed(1_000)),
