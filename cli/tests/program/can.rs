@@ -169,3 +169,17 @@ fn invalid_bit_rate_and_node_are_refused() {
     assert!(usage(&["info", "slcan:/dev/null@123"]).contains("bit rate '123' is not an SLCAN bit rate"));
     assert!(usage(&["info", "can:can0/16"]).contains("node id is 16, must be 0..=15"));
 }
+
+#[test]
+fn servo_bus_is_looked_for_behind_the_adapter() {
+    let bus = CanBus::start();
+    // Another arm is there.
+    let error = failure(&run(&["bus", &bus.port(), "--ids", "1-2"]));
+    assert!(
+        error.contains("no servo answers to the 2 ids of --ids") && error.contains("is it a bus of Feetech servos"),
+        "{error}"
+    );
+    let nobody = format!("slcan:{}@{BIT_RATE}/{}", bus.path, NODE + 1);
+    let error = failure(&run(&["bus", &nobody, "--ids", "1-2"]));
+    assert!(error.contains("is the adapter on this bus as node 4"), "{error}");
+}
