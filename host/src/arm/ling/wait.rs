@@ -168,6 +168,14 @@ impl Switching {
         }
     }
 
+    /// The time for which other calls may delay the next step. The request is a call itself.
+    fn patience(&self) -> Duration {
+        match self.read_back.is_sent() {
+            true => interrupt::PERIOD,
+            false => Duration::ZERO,
+        }
+    }
+
     /// Sends the request, or reads once. `None` while the effect is undecided: call it again, after 20 ms.
     ///
     /// # Errors
@@ -177,13 +185,19 @@ impl Switching {
     pub fn step(&mut self, arm: &mut Ling) -> Result<Option<Outcome>, Error> {
         loop {
             match self.read_back.poll(self.clock.now()) {
-                Output::Request(Request::ReadJoints) => match arm.read_joints() {
-                    Ok(state) => self.read_back.on_joints(self.clock.now(), &state),
-                    Err(error @ Error::NoAnswer { .. }) => self.missing = Some(error),
-                    Err(error) => {
-                        stop::passing(error)?;
+                Output::Request(Request::ReadJoints) => {
+                    match arm.read_joints() {
+                        Ok(state) => self.read_back.on_joints(self.clock.now(), &state),
+                        Err(error @ Error::NoAnswer { .. }) => self.missing = Some(error),
+                        Err(error) => {
+                            stop::passing(error)?;
+                        }
                     }
-                },
+                    // Other calls have their turn, also if the next reading is due.
+                    if self.read_back.result().is_none() {
+                        return arm.link.check_interrupt().map(|()| None);
+                    }
+                }
                 Output::Request(_) => arm.send_to_own(self.effect)?,
                 Output::Wait(_) => return arm.link.check_interrupt().map(|()| None),
                 Output::Done(Ok(outcome)) => return Ok(Some(outcome)),
@@ -288,7 +302,7 @@ impl Shared<Ling> {
 
     fn switch(&self, effect: Effect) -> Result<Outcome, Error> {
         let mut switching = Switching::new(effect);
-        until(|| self.call(|arm| switching.step(arm)))
+        until(|| self.read_within(switching.patience(), |arm| switching.step(arm)))
     }
 }
 
