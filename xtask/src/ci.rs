@@ -33,12 +33,13 @@ const BUILDS: [&str; 10] = [
     "fw --board pico",
 ];
 /// Commands that mostly wait for programs in real time. The first takes as long as the others together.
-const PROGRAMS: [&str; 5] = [
+const PROGRAMS: [&str; 6] = [
     "python",
     "vendor can",
     "recordings",
     "vendor sdk",
     "vendor differential",
+    "vendor so101",
 ];
 /// The emulator takes a core for as long as the other takes to link images.
 const EMULATOR: [&str; 2] = ["pico --seconds 120", "boards"];

@@ -29,9 +29,11 @@ const TEST_PACKAGES: [&str; 5] = ["matplotlib", "mcap-ros2-support", "numpy", "p
 const SDK: [&str; 3] = ["--no-deps", "alicia_d_sdk==6.1.0", "pyserial==3.5"];
 /// The folders of the plugins for LeRobot.
 const PLUGINS: [&str; 2] = ["lerobot_plugin", "lerobot_teleoperator"];
-/// LeRobot, and the Python that it needs.
+/// The scripts for programs for Feetech servos.
+const FEETECH: &str = "../host-tests/vendor/so101";
+/// LeRobot, and the versions of Python that it and its dependencies support.
 const LEROBOT: &str = "lerobot[dataset]==0.6.1";
-const LEROBOT_PYTHON: &str = "python3.12";
+const LEROBOT_PYTHONS: [&str; 2] = ["3.12", "3.13"];
 
 #[derive(Args, Default)]
 pub(crate) struct Options {
@@ -58,10 +60,8 @@ pub(crate) fn run_all(options: &Options) -> Result<()> {
     let tools = Environment::new("python3", dir.join("tools"))?;
     tools.install([OsStr::new("--requirement"), requirements().as_ref()])?;
     check_sources(&tools, &dir)?;
-    let wheels = dir.join("wheels");
-    empty_folder(&wheels)?;
-    build_wheel(&tools, &wheels)?;
-    let wheel = only_entry(&wheels)?;
+    // Another environment would compile everything again.
+    let wheel = wheel(&dir)?;
     check_wheel(&tools, &wheel)?;
     check_sdist(&tools, &dir)?;
     test(&with_wheel(dir.join("clean"), &wheel)?, &dir, options)?;
@@ -81,16 +81,12 @@ pub(crate) fn run_all(options: &Options) -> Result<()> {
 ///
 /// # Errors
 ///
-/// If Python 3.12 is missing, or an installation or a check fails.
+/// If a Python for LeRobot is missing, or an installation or a check fails.
 pub(crate) fn run_lerobot() -> Result<()> {
-    let version = output(Command::new(LEROBOT_PYTHON).arg("--version"));
-    let python = version
-        .map(|_| PathBuf::from(LEROBOT_PYTHON))
-        .or_else(|_| pyenv_python())?;
     let dir = target_dir()?.join("lerobot");
     fs::create_dir_all(&dir)?;
     println!("installing {LEROBOT}, which takes 5 GB");
-    let environment = Environment::new(python, dir.join("python"))?;
+    let environment = Environment::new(newer_python()?, dir.join("python"))?;
     environment.install([LEROBOT, "maturin>=1.9,<2", "pytest"])?;
     let [follower, leader] = PLUGINS.map(|plugin| copied(plugin, &dir));
     reinstall(&environment, &[&python_dir(), &follower?, &leader?])?;
@@ -102,19 +98,24 @@ pub(crate) fn run_lerobot() -> Result<()> {
     run(record.env("HF_HOME", dir.join("home")).current_dir(&dir))
 }
 
-/// The Python 3.12 of pyenv, whose shims may point to another version.
-fn pyenv_python() -> Result<PathBuf> {
-    let needed = "LeRobot needs Python 3.12 as `python3.12`, with `venv`, and PyPI";
-    let versions = Path::new(&env::var_os("HOME").context(needed)?).join(".pyenv/versions");
-    let mut pythons = fs::read_dir(versions)
-        .context(needed)?
-        .flatten()
-        .map(|version| version.path());
-    let python = pythons.find(|path| {
-        path.file_name()
-            .is_some_and(|name| name.to_string_lossy().starts_with("3.12."))
+/// A Python that LeRobot supports: on the path, or of pyenv, whose programs on the path may point to another version.
+///
+/// # Errors
+///
+/// If there is none.
+pub(crate) fn newer_python() -> Result<PathBuf> {
+    let runs = |python: &PathBuf| output(Command::new(python).arg("--version")).is_ok();
+    let on_path = LEROBOT_PYTHONS.map(|version| PathBuf::from(format!("python{version}")));
+    let of_pyenv = env::home_dir().and_then(|home| fs::read_dir(home.join(".pyenv/versions")).ok());
+    let of_pyenv = of_pyenv.into_iter().flatten().flatten().filter(|version| {
+        let name = version.file_name().to_string_lossy().into_owned();
+        LEROBOT_PYTHONS
+            .iter()
+            .any(|known| name.starts_with(&format!("{known}.")))
     });
-    Ok(python.context(needed)?.join("bin/python3"))
+    let of_pyenv = of_pyenv.map(|version| version.path().join("bin/python3"));
+    let python = on_path.into_iter().chain(of_pyenv).find(runs);
+    python.context("LeRobot needs Python 3.12 or 3.13 as `python3.12` or `python3.13`, or of pyenv, with `venv`")
 }
 
 fn python_dir() -> PathBuf {
@@ -148,14 +149,27 @@ fn with_wheel(folder: PathBuf, wheel: &PathBuf) -> Result<Environment> {
 ///
 /// If the build or an installation fails.
 pub(crate) fn environment_with_wheel(folder: &Path) -> Result<Environment> {
+    with_wheel(folder.join("python"), &wheel(folder)?)
+}
+
+/// Builds the wheel as it is released, in this folder.
+///
+/// # Errors
+///
+/// If the build fails.
+pub(crate) fn wheel(folder: &Path) -> Result<PathBuf> {
     let wheels = folder.join(WHEELS);
     empty_folder(&wheels)?;
     build_wheel(&build_tools()?, &wheels)?;
-    with_wheel(folder.join("python"), &only_entry(&wheels)?)
+    only_entry(&wheels)
 }
 
 /// Installs these packages without their dependencies, also if the same version is installed.
-fn reinstall(environment: &Environment, packages: &[&PathBuf]) -> Result<()> {
+///
+/// # Errors
+///
+/// If pip fails.
+pub(crate) fn reinstall(environment: &Environment, packages: &[&PathBuf]) -> Result<()> {
     let options = ["--no-deps", "--force-reinstall"].map(OsStr::new);
     environment.install(options.into_iter().chain(packages.iter().map(|path| path.as_os_str())))
 }
@@ -236,9 +250,12 @@ fn copied(plugin: &str, folder: &Path) -> Result<PathBuf> {
 
 /// Runs linters and type checkers.
 fn check_sources(tools: &Environment, dir: &Path) -> Result<()> {
-    // The decoder for sigrok is checked here, too, with rules of its own.
-    run(tool(tools, "ruff").args(["check", "--no-cache", ".", "../tools"]))?;
-    run(tool(tools, "ruff").args(["format", "--no-cache", "--check", ".", "../tools"]))?;
+    // The decoder for sigrok and the programs for Feetech servos are checked here, too, with rules of their own.
+    let folders = [".", "../tools", FEETECH];
+    run(tool(tools, "ruff").args(["check", "--no-cache"]).args(folders))?;
+    run(tool(tools, "ruff")
+        .args(["format", "--no-cache", "--check"])
+        .args(folders))?;
     let cache = dir.join("mypy");
     let mypy = |paths: &str, words: &str| -> Result<()> {
         let mut mypy = tool(tools, "mypy");
@@ -263,6 +280,15 @@ fn check_sources(tools: &Environment, dir: &Path) -> Result<()> {
     mypy(
         "python:tests/lerobot_stand_in:lerobot_plugin:lerobot_teleoperator",
         "--python-version 3.12 -p lerobot_robot_alicia_d_armwire -p lerobot_teleoperator_alicia_d_leader_armwire",
+    )?;
+    let scripts = ["check", "scene", "lerobot_follower"].map(|name| format!("{FEETECH}/{name}.py"));
+    // The programs have no types, or are not installed here.
+    mypy(
+        &format!("python:{FEETECH}"),
+        &format!(
+            "--python-version 3.12 --ignore-missing-imports --no-warn-return-any {} {FEETECH}/programs",
+            scripts.join(" ")
+        ),
     )?;
     run(tool(tools, "pyright")
         .arg("--pythonpath")

@@ -8,6 +8,7 @@ pub(crate) mod differential;
 pub(crate) mod python;
 pub(crate) mod sdk;
 pub(crate) mod served;
+pub(crate) mod so101;
 
 use std::slice;
 
@@ -18,6 +19,9 @@ use clap::{Args, ValueEnum};
 pub(crate) struct Options {
     /// The check to run, by default all
     check: Option<Check>,
+    /// Write the results of so101 into the pages instead of comparing them
+    #[arg(long)]
+    write: bool,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -30,6 +34,8 @@ enum Check {
     Sdk,
     /// The parser of Ling's SDK and ours on damaged streams
     Differential,
+    /// Programs for Feetech servos on a virtual SO-101
+    So101,
 }
 
 /// Runs every check, or the selected one.
@@ -42,11 +48,11 @@ pub(crate) fn run(options: &Options) -> Result<()> {
         None => Check::value_variants(),
         Some(check) => slice::from_ref(check),
     };
-    checks.iter().try_for_each(|check| check.run())
+    checks.iter().try_for_each(|check| check.run(options.write))
 }
 
 impl Check {
-    fn run(self) -> Result<()> {
+    fn run(self, write: bool) -> Result<()> {
         match self {
             Self::Can => {
                 can::check_dbc()?;
@@ -59,6 +65,7 @@ impl Check {
                 sdk::drive_ling()
             }
             Self::Differential => differential::compare(),
+            Self::So101 => so101::compare(write),
         }
     }
 }

@@ -1,5 +1,6 @@
 //! Python scripts and the packages that they need.
 
+use std::ffi::OsStr;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -18,7 +19,8 @@ const TIMEOUT: Duration = Duration::from_secs(300);
 pub(crate) struct Python {
     /// The folder for output.
     pub(crate) dir: PathBuf,
-    environment: Environment,
+    /// The packages.
+    pub(crate) environment: Environment,
 }
 
 impl Python {
@@ -29,9 +31,18 @@ impl Python {
     ///
     /// If Python or the package index is missing, or the packages do not fit together.
     pub(crate) fn with(name: &str, requirements: &str) -> Result<Self> {
+        Self::of("python3", name, requirements)
+    }
+
+    /// The same with this Python.
+    ///
+    /// # Errors
+    ///
+    /// As [`with`](Self::with).
+    pub(crate) fn of(python: impl AsRef<OsStr>, name: &str, requirements: &str) -> Result<Self> {
         let dir = target_dir()?.join("vendor").join(name);
         fs::create_dir_all(&dir)?;
-        let environment = Environment::new("python3", dir.join("python"))?;
+        let environment = Environment::new(python, dir.join("python"))?;
         environment.install_listed(&scripts().join(requirements))?;
         Ok(Self { dir, environment })
     }
