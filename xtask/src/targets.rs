@@ -1,13 +1,12 @@
 //! `cargo xtask targets`: clippy, and therefore the type check, for other targets than this host. Nothing is linked or run:
-//! `cargo xtask platforms` runs what an emulator runs.
+//! `cargo xtask platforms` links and runs for Windows, `no-panic` and `fw` link for microcontrollers.
 
 use anyhow::Result;
 
 use crate::board::{Board, TARGET};
-use crate::cargo::cargo;
 use crate::image::Options;
 use crate::process;
-use crate::toolchain::{cargo_for, has_target};
+use crate::toolchain::cargo_for;
 use crate::workspace::firmware;
 
 /// Targets of the crates without `std`.
@@ -22,23 +21,21 @@ const LINK_TEST: &str =
 /// The program whose instructions are counted.
 const COUNTED: &str = "--manifest-path=host-tests/benches/Cargo.toml --bin thumb --features thumb";
 
-/// Clippy for microcontrollers, Windows and macOS.
+/// Clippy for microcontrollers, and for Windows and macOS with the tests.
 ///
 /// # Errors
 ///
 /// The first target that fails, or a missing compiler that cannot be installed.
 pub(crate) fn check() -> Result<()> {
     microcontrollers()?;
-    other_systems()
+    OTHER_SYSTEMS
+        .into_iter()
+        .try_for_each(|target| lint(&format!("{PORTABLE} --all-targets"), target))
 }
 
 /// Clippy for microcontrollers: the crates without `std`, without features and with all, the firmware, and the programs for
 /// its core.
 fn microcontrollers() -> Result<()> {
-    let lint = |select: &str, target| {
-        let mut clippy = cargo_for(target, &format!("clippy {select}"))?;
-        process::run(clippy.args(["--", "-D", "warnings"]))
-    };
     for target in NO_STD_TARGETS {
         lint(NO_STD, target)?;
         lint(&format!("{NO_STD} --all-features"), target)?;
@@ -52,15 +49,8 @@ fn microcontrollers() -> Result<()> {
     lint(COUNTED, TARGET)
 }
 
-/// Clippy for the other systems.
-fn other_systems() -> Result<()> {
-    if !OTHER_SYSTEMS.into_iter().all(has_target) {
-        println!("skipped: `rustup target add {}` helps", OTHER_SYSTEMS.join(" "));
-        return Ok(());
-    }
-    OTHER_SYSTEMS.into_iter().try_for_each(|target| {
-        process::run(&mut cargo(&format!(
-            "clippy {PORTABLE} --lib --bins --target {target} -- -D warnings"
-        )))
-    })
+/// Clippy with these arguments for this target.
+fn lint(select: &str, target: &str) -> Result<()> {
+    let mut clippy = cargo_for(target, &format!("clippy {select}"))?;
+    process::run(clippy.args(["--", "-D", "warnings"]))
 }

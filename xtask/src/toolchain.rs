@@ -48,7 +48,7 @@ pub(crate) fn rustc_property(name: &str) -> Result<String> {
 }
 
 /// Returns true if the active compiler has this target, or rustup has added it.
-pub(crate) fn has_target(target: &str) -> bool {
+fn has_target(target: &str) -> bool {
     is_installed(target) || add_with_rustup(target)
 }
 

@@ -16,8 +16,7 @@ use rustix::process::{Pid, Signal, kill_process};
 
 use crate::common::terminal::Terminal;
 use crate::common::{
-    Arm, NO_ANSWER, PROGRAM, TIMEOUT, angles, failure, finish, free_path, retry_while, retry_while_busy, run, start,
-    success, usage,
+    Arm, NO_ANSWER, PROGRAM, TIMEOUT, angles, failure, finish, free_path, retry_while, run, start, success, usage,
 };
 
 /// A virtual arm on a pty, in real time.
@@ -132,7 +131,9 @@ impl Pair {
 #[test]
 fn one_port_twice_is_in_use_by_this_process() {
     let leader = Arm::start("ling", "teleop-once", &["--leader"]);
-    let line = failure(&retry_while_busy(|| run(&["teleop", &leader.port, &leader.port])));
+    let line = failure(&crate::common::retry_while_busy(|| {
+        run(&["teleop", &leader.port, &leader.port])
+    }));
     assert!(line.ends_with("in use by this process: close that one first"), "{line}");
 }
 
