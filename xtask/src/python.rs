@@ -125,15 +125,24 @@ fn python_dir() -> PathBuf {
 /// The environment in this folder, with these packages at the versions of `requirements-dev.txt`.
 fn environment_with(folder: PathBuf, packages: &[&str]) -> Result<Environment> {
     let environment = Environment::new("python3", folder)?;
+    environment.install(listed(packages)?)?;
+    Ok(environment)
+}
+
+/// These packages at the versions of `requirements-dev.txt`, as arguments of pip.
+///
+/// # Errors
+///
+/// If one is not listed there.
+pub(crate) fn listed(packages: &[&str]) -> Result<Vec<String>> {
     let text = fs::read_to_string(requirements())?;
     let is_wanted = |line: &&str| line.split_once("==").is_some_and(|(name, _)| packages.contains(&name));
-    let wanted: Vec<_> = text.lines().filter(is_wanted).collect();
+    let wanted: Vec<_> = text.lines().filter(is_wanted).map(Into::into).collect();
     ensure!(
         wanted.len() == packages.len(),
         "requirements-dev.txt lacks one of {packages:?}"
     );
-    environment.install(wanted)?;
-    Ok(environment)
+    Ok(wanted)
 }
 
 /// The environment in this folder, with this wheel and the packages of its tests.
@@ -179,7 +188,7 @@ fn requirements() -> PathBuf {
 }
 
 /// A program of this environment, in the folder of the package.
-fn tool(environment: &Environment, name: &str) -> Command {
+pub(crate) fn tool(environment: &Environment, name: &str) -> Command {
     let mut tool = environment.tool(name);
     tool.current_dir(python_dir());
     tool
@@ -194,7 +203,11 @@ fn pytest(environment: &Environment, dir: &Path) -> Command {
 }
 
 /// The environment with the packages that build the wheels.
-fn build_tools() -> Result<Environment> {
+///
+/// # Errors
+///
+/// If an installation fails.
+pub(crate) fn build_tools() -> Result<Environment> {
     environment_with(target_dir()?.join("wheel-tools"), &BUILD_PACKAGES)
 }
 

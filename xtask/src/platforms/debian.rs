@@ -10,13 +10,17 @@ use crate::files::empty_folder;
 use crate::process::{output, run};
 
 /// Downloads packages of this release and architecture, from the mirror that this machine uses, and unpacks them into
-/// `folder`.
+/// `folder`, if it does not exist.
 ///
 /// # Errors
 ///
 /// On another system than Debian, and if apt-get fails.
 pub(super) fn unpack(release: &str, architecture: &str, packages: &[&str], folder: &Path) -> Result<()> {
+    if folder.exists() {
+        return Ok(());
+    }
     let state = folder.with_extension("apt");
+    empty_folder(&state)?;
     for part in ["lists/partial", "cache/archives/partial"] {
         fs::create_dir_all(state.join(part))?;
     }
@@ -43,13 +47,14 @@ pub(super) fn unpack(release: &str, architecture: &str, packages: &[&str], folde
     };
     run(&mut apt("update"))?;
     run(apt("download").args(packages))?;
-    empty_folder(folder)?;
+    let unpacked = state.join("unpacked");
     for file in fs::read_dir(&state)? {
         let file = file?.path();
         if file.extension().is_some_and(|extension| extension == "deb") {
-            run(Command::new("dpkg-deb").arg("--extract").arg(&file).arg(folder))?;
+            run(Command::new("dpkg-deb").arg("--extract").arg(&file).arg(&unpacked))?;
         }
     }
+    fs::rename(unpacked, folder)?;
     Ok(fs::remove_dir_all(state)?)
 }
 

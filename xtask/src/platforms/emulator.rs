@@ -26,12 +26,12 @@ pub(super) struct Emulator {
 }
 
 impl Emulator {
-    /// QEMU for this processor, with the libraries of a cross compiler's package.
+    /// QEMU for this processor, with the libraries in a folder.
     ///
     /// # Errors
     ///
     /// If this machine has none that is new enough, and none can be downloaded.
-    pub(super) fn qemu(processor: &str, libraries: &str, tools: &Path) -> Result<Self> {
+    pub(super) fn qemu(processor: &str, libraries: &Path, tools: &Path) -> Result<Self> {
         let name = format!("qemu-{processor}");
         let is_new = output(Command::new(&name).arg("--version")).is_ok_and(|text| is_new_enough(&text));
         let program = match is_new {
@@ -91,13 +91,10 @@ pub(super) fn in_capitals(target: &str) -> String {
 /// The folder with QEMU's programs, downloaded once.
 fn downloaded_qemu(tools: &Path) -> Result<PathBuf> {
     let folder = tools.join("qemu");
-    let programs = folder.join("usr/bin");
-    if !programs.is_dir() {
-        let architecture = output(Command::new("dpkg").arg("--print-architecture"))?;
-        debian::unpack(QEMU_RELEASE, architecture.trim(), &["qemu-user"], &folder)
-            .with_context(|| format!("QEMU {QEMU} or newer is needed"))?;
-    }
-    Ok(programs)
+    let architecture = output(Command::new("dpkg").arg("--print-architecture"))?;
+    debian::unpack(QEMU_RELEASE, architecture.trim(), &["qemu-user"], &folder)
+        .with_context(|| format!("QEMU {QEMU} or newer is needed"))?;
+    Ok(folder.join("usr/bin"))
 }
 
 /// Returns true if the output of `--version` has a version that serves.

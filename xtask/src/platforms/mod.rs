@@ -4,6 +4,7 @@
 
 mod debian;
 mod emulator;
+mod python;
 mod trial;
 
 use std::path::{Path, PathBuf};
@@ -12,11 +13,15 @@ use std::process::Command;
 use anyhow::Result;
 
 use self::emulator::{Emulator, in_capitals};
+use self::python::Arm64Python;
 use crate::apt;
 use crate::c_library::{library_command, test_by};
 use crate::cargo::{cargo, target_dir};
+use crate::files::{empty_folder, only_entry};
 use crate::process::run;
+use crate::python::{build_tools, tool};
 use crate::toolchain::cargo_for;
+use crate::workspace::root;
 
 /// Compilers for C, and Wine, with the packages that have them.
 const TOOLS: [(&str, &str); 4] = [
@@ -34,6 +39,13 @@ const HOST_TESTS: &str = "test --quiet --package armwire-host --lib --test ling 
 const SKIPPED: [&str; 3] = ["--", "--skip", "arm::ling::wait::tests::call_has_its_turn"];
 /// The unit tests on Windows. Those of `armwire-host` list devices, for which Wine lacks a function.
 const WINDOWS_TESTS: &str = "test --quiet --package armwire --package armwire-bridge --package armwire-cli --lib";
+/// Tests of the package for Python: those that start no other Python, and have no times that an emulator exceeds.
+const PYTHON_TESTS: [&str; 4] = [
+    "examples/without_hardware.py",
+    "tests/test_so101.py",
+    "tests/test_xarm.py",
+    "tests/test_alpha1.py",
+];
 
 /// Another system.
 struct Platform {
@@ -43,7 +55,8 @@ struct Platform {
     emulator: Emulator,
 }
 
-/// Uses the command on every system, the library for C under Linux, and runs tests.
+/// Uses the command on every system, the library for C under Linux, and the package for Python on 64-bit Arm, and runs
+/// tests.
 ///
 /// # Errors
 ///
@@ -59,6 +72,7 @@ pub(crate) fn check() -> Result<()> {
         linux.try_c_library(&folder)?;
     }
     run(aarch64.cargo(HOST_TESTS)?.args(SKIPPED))?;
+    aarch64.test_python_package(&folder)?;
     trial::run_all(&windows.command()?, &windows.emulator, &folder)?;
     run(&mut windows.cargo(WINDOWS_TESTS)?)
 }
@@ -69,12 +83,12 @@ fn all(folder: &Path) -> Result<[Platform; 3]> {
         Platform {
             target: "aarch64-unknown-linux-gnu",
             gcc: "aarch64-linux-gnu-gcc",
-            emulator: Emulator::qemu("aarch64", "/usr/aarch64-linux-gnu", folder)?,
+            emulator: Emulator::qemu("aarch64", Path::new("/usr/aarch64-linux-gnu"), folder)?,
         },
         Platform {
             target: "armv7-unknown-linux-gnueabihf",
             gcc: "arm-linux-gnueabihf-gcc",
-            emulator: Emulator::qemu("arm", "/usr/arm-linux-gnueabihf", folder)?,
+            emulator: Emulator::qemu("arm", Path::new("/usr/arm-linux-gnueabihf"), folder)?,
         },
         Platform {
             target: "x86_64-pc-windows-gnu",
@@ -88,9 +102,14 @@ impl Platform {
     /// Cargo for this system.
     fn cargo(&self, words: &str) -> Result<Command> {
         let mut cargo = cargo_for(self.target, words)?;
-        cargo.env(format!("CARGO_TARGET_{}_LINKER", in_capitals(self.target)), self.gcc);
+        self.set_linker(&mut cargo);
         self.emulator.add_to(&mut cargo, self.target);
         Ok(cargo)
+    }
+
+    /// Makes this run of cargo link by the compiler for C.
+    fn set_linker(&self, cargo: &mut Command) {
+        cargo.env(format!("CARGO_TARGET_{}_LINKER", in_capitals(self.target)), self.gcc);
     }
 
     /// The command, built.
@@ -108,5 +127,22 @@ impl Platform {
         test_by(self.gcc, &library, &folder.join(self.target), |program| {
             self.emulator.command(program)
         })
+    }
+
+    /// Builds a wheel of the package for Python, and moves virtual arms with it. The released wheels are optimised, and
+    /// linked for older systems.
+    fn test_python_package(&self, folder: &Path) -> Result<()> {
+        let wheels = folder.join("wheels");
+        empty_folder(&wheels)?;
+        let mut maturin = tool(&build_tools()?, "maturin");
+        maturin.args("build --quiet --locked --profile dev --compatibility linux".split(' '));
+        maturin.args(["--target", self.target, "--out"]).arg(&wheels);
+        self.set_linker(&mut maturin);
+        run(&mut maturin)?;
+        let mut pytest = Arm64Python::with_wheel(&only_entry(&wheels)?)?.command();
+        pytest
+            .args(["-P", "-m", "pytest", "-p", "no:cacheprovider"])
+            .args(PYTHON_TESTS);
+        run(pytest.current_dir(root().join("python")))
     }
 }
