@@ -11,9 +11,7 @@ use crate::image::{self, Image, Options};
 use crate::process;
 use crate::steps::Steps;
 use crate::workspace::{ALONE, root};
-use crate::{
-    apt, c_library, campaign, circles, fuzz, integrity, packages, parallel, performance, readme, ros2, semver, workflow,
-};
+use crate::{apt, c_library, campaign, circles, fuzz, packages, parallel, performance, readme, ros2, semver, workflow};
 
 /// Everything but the firmware.
 const HOST: &str = "--workspace --exclude armwire-firmware";
@@ -95,7 +93,6 @@ pub(crate) fn run() -> Result<()> {
         test.args(["--", "--show-output"]);
         process::run(test.env("ARMWIRE_RUNS", ADAPTER_RUNS))
     })?;
-    ci.step("docs/integrity.md", || integrity::run(&Default::default()))?;
     ci.step("README's example with its dependencies", readme::check)?;
     ci.step("crates from their packages", || {
         packages::check(packages::Tests::Compile)
