@@ -44,7 +44,7 @@ const EMULATOR: [&str; 2] = ["pico --seconds 120", "boards"];
 /// Runs of the fault campaign with each image.
 const CAMPAIGN_RUNS: u32 = 300;
 /// Random runs of the adapter.
-const ADAPTER_RUNS: &str = "20000";
+const ADAPTER_RUNS: &str = "5000";
 
 /// Runs all checks.
 ///
