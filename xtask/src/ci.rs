@@ -112,7 +112,7 @@ pub(crate) fn run() -> Result<()> {
         },
     )?;
     // They are the targets that measured the coverage. With a fixed seed they begin with the same inputs each time.
-    ci.step("fuzzing", || fuzz::run(&fuzz::Options::new(5, 1)))?;
+    ci.step("fuzzing", || fuzz::run(&fuzz::Options::new(3, 1)))?;
     let g431 = ci.step("firmware image for the STM32G431", || image::release(Board::STM32G431))?;
     let f405 = ci.step("firmware image for the STM32F405", || image::release(Board::STM32F405))?;
     // The images are built, and no board by name has taken their place yet.
