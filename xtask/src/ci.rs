@@ -76,8 +76,9 @@ pub(crate) fn run() -> Result<()> {
             "clippy {HOST} --all-targets --all-features -- -D warnings"
         )))
     })?;
-    ci.step("type check of the workspace", || {
-        process::run(&mut cargo("check --workspace --all-targets"))
+    // An editor reads it so. Clippy, the tests and later steps compile every other crate.
+    ci.step("type check of the firmware on a computer", || {
+        process::run(&mut cargo("check --package armwire-firmware"))
     })?;
     ci.step("documentation", || {
         let doc =
