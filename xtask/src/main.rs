@@ -17,6 +17,7 @@ mod features;
 mod files;
 mod flash;
 mod fuzz;
+mod glibc;
 mod image;
 // The command's parser of images.
 #[cfg(test)]

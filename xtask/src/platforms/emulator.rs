@@ -20,7 +20,7 @@ const SHIM: &str = "bcryptprimitives";
 
 /// A program that runs those of another system, with its arguments and environment.
 #[derive(Clone)]
-pub(super) struct Emulator {
+pub(crate) struct Emulator {
     words: Vec<OsString>,
     environment: Vec<(&'static str, OsString)>,
 }

@@ -4,8 +4,8 @@
 
 mod debian;
 mod emulator;
-mod python;
-mod trial;
+pub(crate) mod python;
+pub(crate) mod trial;
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -24,7 +24,7 @@ use crate::toolchain::cargo_for;
 use crate::workspace::root;
 
 /// Compilers for C, and Wine, with the packages that have them.
-const TOOLS: [(&str, &str); 4] = [
+pub(crate) const TOOLS: [(&str, &str); 4] = [
     ("aarch64-linux-gnu-gcc", "gcc-aarch64-linux-gnu libc6-dev-arm64-cross"),
     (
         "arm-linux-gnueabihf-gcc",
@@ -50,11 +50,11 @@ const PYTHON_TESTS: [&str; 4] = [
 ];
 
 /// Another system.
-struct Platform {
-    target: &'static str,
+pub(crate) struct Platform {
+    pub(crate) target: &'static str,
     /// The compiler for C, which links.
-    gcc: &'static str,
-    emulator: Emulator,
+    pub(crate) gcc: &'static str,
+    pub(crate) emulator: Emulator,
 }
 
 /// Uses the command on every system, the library for C under Linux, and the package for Python on 64-bit Arm, and runs
@@ -80,7 +80,11 @@ pub(crate) fn check() -> Result<()> {
 }
 
 /// The systems, in the order of docs/platforms.md.
-fn all(folder: &Path) -> Result<[Platform; 3]> {
+///
+/// # Errors
+///
+/// If an emulator is missing and cannot be downloaded.
+pub(crate) fn all(folder: &Path) -> Result<[Platform; 3]> {
     Ok([
         Platform {
             target: "aarch64-unknown-linux-gnu",

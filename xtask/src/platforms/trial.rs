@@ -21,7 +21,7 @@ const RECORDINGS: &str = "cli/tests/logs";
 /// # Errors
 ///
 /// The first step with another result than here.
-pub(super) fn run_all(program: &Path, emulator: &Emulator, folder: &Path) -> Result<()> {
+pub(crate) fn run_all(program: &Path, emulator: &Emulator, folder: &Path) -> Result<()> {
     let trial = Trial { program, emulator };
     trial.says("--version", VERSION)?;
     trial.decode_as_here()?;

@@ -1,0 +1,85 @@
+//! The archive of a system.
+
+use std::fs;
+use std::path::Path;
+use std::process::Command;
+
+use anyhow::{Context, Result};
+
+use super::dependencies::Program;
+use super::folder::{add_checksums, check_paths, copy, list, pack};
+use super::release::Release;
+use super::system::System;
+use crate::files::empty_folder;
+use crate::glibc;
+use crate::process::run;
+
+impl Release {
+    /// Makes the folder and the archive of this system.
+    pub(super) fn make_archive(&self, system: System) -> Result<()> {
+        let folder = self.folder(system);
+        empty_folder(&folder)?;
+        run(Command::new("cp").arg("-a").arg(self.common().join(".")).arg(&folder))?;
+        self.add_command(system, &folder)?;
+        if system.is_linux() {
+            self.add_c_archive(system.target, &folder)?;
+        }
+        if system.has_wheel() {
+            self.add_wheels(system, &folder.join("python"))?;
+        }
+        self.add_dependencies(&folder, &programs(system))?;
+        check_paths(&folder)?;
+        add_checksums(&folder)?;
+        let archive = pack(&folder, &self.time)?;
+        println!("{}\n{}", folder.display(), archive.display());
+        Ok(())
+    }
+
+    fn add_command(&self, system: System, folder: &Path) -> Result<()> {
+        let program = self.command(system);
+        if system.is_linux() {
+            check_symbols(&program)?;
+        }
+        copy(&program, &folder.join("bin").join(system.program()))
+    }
+
+    fn add_wheels(&self, system: System, folder: &Path) -> Result<()> {
+        for wheel in fs::read_dir(self.wheels())? {
+            let wheel = wheel?;
+            let name = wheel.file_name();
+            if system.takes_wheel(&name.to_string_lossy()) {
+                self.check_wheel(&wheel.path())?;
+                copy(&wheel.path(), &folder.join(name))?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Checks the content of a wheel: neither paths nor symbols are found in a compressed file.
+    fn check_wheel(&self, wheel: &Path) -> Result<()> {
+        let unpacked = self.dist.join("wheel");
+        empty_folder(&unpacked)?;
+        let mut unzip = Command::new("python3");
+        run(unzip.args(["-m", "zipfile", "-e"]).arg(wheel).arg(&unpacked))?;
+        check_paths(&unpacked)?;
+        let files = list(&unpacked)?;
+        let mut modules = files
+            .iter()
+            .filter(|file| file.extension().is_some_and(|name| name == "so"));
+        modules.try_for_each(|module| check_symbols(module))
+    }
+}
+
+/// Checks that a program for Linux, or a library, starts on the oldest system that the manual names.
+fn check_symbols(file: &Path) -> Result<()> {
+    glibc::check(&fs::read(file)?).with_context(|| file.display().to_string())
+}
+
+/// What is compiled for this system alone.
+fn programs(system: System) -> Vec<Program> {
+    let mut programs = vec![Program::new("armwire", "cli", system.target)];
+    if system.has_wheel() {
+        programs.push(Program::new("python", "python", system.target));
+    }
+    programs
+}
