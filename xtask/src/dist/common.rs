@@ -19,7 +19,7 @@ use crate::web;
 use crate::workspace::root;
 
 /// Files of the repository that a release contains unchanged.
-const FILES: &str = "README.md CONTRIBUTING.md CHANGELOG.md SECURITY.md LICENSE-MIT LICENSE-APACHE docs tools examples/README.md examples/c examples/joints python/examples cli/doc/monitor.svg";
+const FILES: &str = "README.md CONTRIBUTING.md CHANGELOG.md SECURITY.md LICENSE-MIT LICENSE-APACHE docs tools firmware/README.md examples/README.md examples/c examples/joints python/examples cli/doc/monitor.svg";
 /// The shells, and where each looks for completions below `/usr/local` or `~/.local`.
 const COMPLETIONS: [(&str, &str); 3] = [
     ("bash", "share/bash-completion/completions/armwire"),
