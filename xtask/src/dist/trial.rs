@@ -23,14 +23,17 @@ use crate::workspace::root;
 const PATH: &str = "/usr/bin:/bin";
 /// A program of the release that moves virtual arms.
 const PROGRAM: &str = "without_hardware.py";
-/// Test of the plugins for LeRobot, and the files that it needs. LeRobot takes 5 GB: its stand-in is one of them.
+/// Test of the plugins for LeRobot, and the files of the repository that it needs. LeRobot takes 5 GB: its stand-in is one of
+/// them.
 const PLUGINS_TEST: &str = "test_lerobot.py";
-const ITS_FILES: [&str; 5] = [
-    PLUGINS_TEST,
-    "test_foreign.py",
-    "conftest.py",
-    "scripted.py",
-    "lerobot_stand_in",
+const ITS_FILES: [&str; 7] = [
+    "python/tests/test_lerobot.py",
+    "python/tests/test_foreign.py",
+    "python/tests/conftest.py",
+    "python/tests/scripted.py",
+    "python/tests/lerobot_stand_in",
+    "protocol/tests/bessica.bin",
+    "protocol/tests/effects.txt",
 ];
 /// The packages of the wheels.
 const PACKAGES: [&str; 3] = [
@@ -140,12 +143,12 @@ fn try_wheels(python: &Path, folder: &Path) -> Result<()> {
     environment.install(options.into_iter().chain(plugins))?;
     run(environment.python().args(["-c", HAVE_LICENCES]).args(PACKAGES))?;
     // Beside the sources, Python would import them in place of the wheels.
-    let (ours, tests) = (root().join("python/tests"), folder.join("tests"));
-    fs::create_dir(&tests)?;
-    for file in ITS_FILES {
-        run(Command::new("cp").arg("-r").arg(ours.join(file)).arg(&tests))?;
-    }
-    run(&mut pytest(&environment, &tests, PLUGINS_TEST))
+    let copy = folder.join("tests");
+    fs::create_dir(&copy)?;
+    let mut cp = Command::new("cp");
+    cp.args(["-r", "--parents"]).args(ITS_FILES).arg(&copy);
+    run(cp.current_dir(root()))?;
+    run(&mut pytest(&environment, &copy.join("python/tests"), PLUGINS_TEST))
 }
 
 /// pytest for a file in this folder, without Rust on its search path.
