@@ -39,8 +39,8 @@ const PROGRAMS: [&str; 6] = [
     "vendor differential",
     "vendor so101",
 ];
-/// The emulator takes a core for as long as the other takes to link images.
-const EMULATOR: [&str; 2] = ["pico --seconds 120", "boards"];
+/// The emulator takes one core while the other links images.
+const EMULATOR: [&str; 2] = ["pico --seconds 30", "boards"];
 /// Runs of the fault campaign with each image.
 const CAMPAIGN_RUNS: u32 = 300;
 /// Random runs of the adapter.
