@@ -123,15 +123,17 @@ pub(crate) fn run() -> Result<()> {
         parallel::run_all(vec![image_tests(&f405), image_tests(&g431), board])
     })?;
     ci.step(
-        "firmware image of the Pico on an emulated chip, images of the boards by name",
-        || parallel::run_all(xtasks(&EMULATOR)?),
+        "firmware image of the Pico on an emulated chip, images of the boards by name, log of an image",
+        || {
+            // The STM32G431 has less room for it.
+            let image = image::build(Options::all(Board::STM32G431))?;
+            let mut log = cargo("test --package armwire-host-tests --features image --test image_log");
+            log.env("ARMWIRE_LOG_IMAGE", &image.path);
+            let mut commands = xtasks(&EMULATOR)?;
+            commands.push(log);
+            parallel::run_all(commands)
+        },
     )?;
-    ci.step("log of a firmware image", || {
-        // The STM32G431 has less room for it.
-        let image = image::build(Options::all(Board::STM32G431))?;
-        let mut test = cargo("test --package armwire-host-tests --features image --test image_log");
-        process::run(test.env("ARMWIRE_LOG_IMAGE", &image.path))
-    })?;
     ci.step("performance of both images, and instructions of the protocols", || {
         performance::run(&Default::default())
     })?;
