@@ -257,8 +257,8 @@ impl Port {
     }
 }
 
-/// A port to open an arm, a [device of your own](Self::raw) or an adapter on. On CAN it has the open bus, which a clone shares, with one arm and one
-/// control port at a time: a second is [`Error::InUse`].
+/// A port to open an arm, a [device of your own](Self::raw) or an adapter on. On CAN it has the open bus, which a clone
+/// shares, with one arm and one control port at a time: a second is [`Error::InUse`].
 #[derive(Clone)]
 pub struct Connection {
     port: Port,
