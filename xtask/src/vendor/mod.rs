@@ -12,7 +12,7 @@ pub(crate) mod so101;
 
 use std::slice;
 
-use anyhow::Result;
+use anyhow::{Result, ensure};
 use clap::{Args, ValueEnum};
 
 #[derive(Args)]
@@ -42,8 +42,12 @@ enum Check {
 ///
 /// # Errors
 ///
-/// If a check fails or exceeds its timeout.
+/// If a check fails or exceeds its timeout, or is to write results and has none.
 pub(crate) fn run(options: &Options) -> Result<()> {
+    ensure!(
+        !options.write || matches!(options.check, None | Some(Check::So101)),
+        "--write is for so101: other checks have no results on pages"
+    );
     let checks = match &options.check {
         None => Check::value_variants(),
         Some(check) => slice::from_ref(check),
