@@ -14,6 +14,7 @@ class Program:
             port=port, baudrate=1_000_000, timeout=0.05, min_id=IDS[0], max_id=IDS[-1]
         )
         self._controller.open()
+        self._speed = 0
 
     def positions(self) -> dict[int, int]:
         read = self._controller.sync_read(IDS, POSITION, 2)
@@ -39,5 +40,3 @@ class Program:
     def _switch_torque(self, is_on: bool) -> None:
         for servo in IDS:
             self._controller.set_torque(servo, is_on)
-
-    _speed = 0
