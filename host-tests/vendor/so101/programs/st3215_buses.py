@@ -1,4 +1,4 @@
-"""The buses of st3215-bus, of which this is one. It has two tries for each answer."""
+"""st3215-bus, with one bus. It tries each request twice."""
 
 from st3215_bus import Buses
 
