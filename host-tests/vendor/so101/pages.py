@@ -10,7 +10,8 @@ from runs import Pythons, run, settled
 # Text without the mark of a block.
 TEXT = "(?:(?!```).)*"
 BLOCKS = re.compile(rf"```python\n(?P<code>{TEXT})```\n{TEXT}```text\n(?P<output>{TEXT})```\n", re.DOTALL)
-MAX_LINES = 20
+# Maximum number of lines of a reproduction.
+MAX_LINES = 19
 
 
 def checked(page: Path, pythons: Pythons, workers: Executor) -> str:
@@ -29,8 +30,8 @@ def checked(page: Path, pythons: Pythons, workers: Executor) -> str:
 def output(name: str, block: re.Match[str], pythons: Pythons) -> str:
     """What the code of a block prints."""
     code = block["code"]
-    if (lines := code.count("\n")) >= MAX_LINES:
-        raise ValueError(f"{name}: {lines} lines of Python")
+    if (lines := code.count("\n")) > MAX_LINES:
+        raise ValueError(f"{name}: a block has {lines} lines of Python, the maximum is {MAX_LINES}")
     with tempfile.TemporaryDirectory() as folder:
         script = Path(folder) / "reproduction.py"
         script.write_text(code)
