@@ -18,7 +18,7 @@ from scenes import rest
 
 # Positions of the joints before the calibration, and how far a hand moves each to both sides.
 BEFORE, RANGE = [1900, 2300, 1500, 2048, 2500, 2000], 400
-WRIST_ROLL = 4
+WRIST_ROLL, GRIPPER = 4, 5
 MIDDLE = 2047
 # An action in degrees from the middle of each range, for the gripper in percent of it, and its tolerance.
 ACTION, TOLERANCE = [10.0, -20.0, 15.0, 5.0, -10.0, 30.0], 1.0
@@ -48,13 +48,12 @@ def steps(arm: sim.VirtualSo101, follower: SOFollower) -> Iterator[tuple[str, bo
     yield "`configure`, which ends with torque", all(servo.torque for servo in arm.state())
     follower.send_action(dict(zip(follower.action_features, ACTION, strict=True)))
     rest(arm)
-    degrees = [(servo.position - MIDDLE) * 360 / 4096 for servo in arm.state()[:5]]
-    is_there = all(abs(one - other) < TOLERANCE for one, other in zip(degrees, ACTION, strict=False))
-    yield "`send_action`", is_there
-    observed = list(follower.get_observation().values())
-    # The gripper's percentage has no other source than the action.
-    pairs = zip(observed, [*degrees, ACTION[5]], strict=True)
-    yield "`get_observation`", all(abs(one - other) < TOLERANCE for one, other in pairs)
+    positions = [servo.position for servo in arm.state()]
+    true = [(position - MIDDLE) * 360 / 4096 for position in positions[:GRIPPER]]
+    true.append((positions[GRIPPER] - low) * 100 / (high - low))
+    yield "`send_action`", all(abs(one - other) < TOLERANCE for one, other in zip(true, ACTION, strict=True))
+    observed = follower.get_observation().values()
+    yield "`get_observation`", all(abs(one - other) < TOLERANCE for one, other in zip(observed, true, strict=True))
     follower.disconnect()
     yield "`disconnect`", not any(servo.torque for servo in arm.state())
     arm.order("unplugged 1")
