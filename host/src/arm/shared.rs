@@ -67,7 +67,8 @@ impl<A> Shared<A> {
         self.run(lock(&self.0.arm), read)
     }
 
-    /// Runs `read` as [`read`](Self::read), but as a [`call`](Self::call) once calls have delayed it for this time.
+    /// Runs `read` as [`read`](Self::read), but as a [`call`](Self::call) once calls have delayed it for this time; at once
+    /// if the time is zero.
     ///
     /// # Errors
     ///
@@ -77,6 +78,9 @@ impl<A> Shared<A> {
         patience: Duration,
         read: impl FnOnce(&mut A) -> Result<T, Error>,
     ) -> Result<T, Error> {
+        if patience.is_zero() {
+            return self.call(read);
+        }
         let waiting = lock(&self.0.waiting);
         let waited = self
             .0
