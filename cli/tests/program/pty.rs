@@ -258,6 +258,12 @@ fn usb_serial_number_is_looked_up_among_ports() {
             "{line}"
         );
     }
+    // It is not the port of a host.
+    let line = failure(&run(&["info", "usb:4711"]));
+    assert!(
+        line.starts_with("usb:4711: no port has this USB serial number") && !line.contains("xarm"),
+        "{line}"
+    );
     let line = failure(&run(&["counters", "usb:no-such-number"]));
     assert!(
         line.starts_with("usb:no-such-number: no port has this USB serial number"),

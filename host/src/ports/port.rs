@@ -357,15 +357,15 @@ impl Connection {
                 let text = Text::from(format!("{} is a HID device, and only an alpha1 is one", self.port));
                 Err(Error::Port(text.remedy(Remedy::OpenAs(Protocol::Alpha1))))
             }
-            _ => self.open_line(P::CONFIG).map_err(|error| match error {
-                Error::At { name, reason } if serial::is_host(name.as_str()) => Error::At {
+            _ => self.open_line(P::CONFIG).map_err(|error| match (&self.port, error) {
+                (Port::Serial(port), Error::At { name, reason }) if serial::is_host(port) => Error::At {
                     name,
                     reason: reason
                         .and("; is it an xarm's host")
                         .remedy(Remedy::OpenAs(Protocol::Xarm))
                         .and("?"),
                 },
-                error => error,
+                (_, error) => error,
             }),
         }
     }

@@ -23,6 +23,7 @@ use crate::error::text::{Remedy, Text};
 use crate::ports::line::{Line, Names, Reception, is_nothing_yet};
 use crate::ports::port_user;
 use crate::ports::system;
+use crate::ports::usb_name;
 
 /// Timeout of a write. The longest request takes less than 40 ms at 9600 baud.
 const WRITE_TIMEOUT: Duration = Duration::from_millis(500);
@@ -217,7 +218,8 @@ pub(crate) fn is_host(text: &str) -> bool {
     let has_port = text
         .rsplit_once(':')
         .is_some_and(|(host, port)| !host.contains('/') && is_port(port));
-    has_port || text.parse::<IpAddr>().is_ok()
+    // A USB serial number may be a number.
+    usb_name::serial_in(text).is_none() && (has_port || text.parse::<IpAddr>().is_ok())
 }
 
 /// The group that owns a port, if that is one for users.
