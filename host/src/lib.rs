@@ -58,8 +58,8 @@
 //!
 //! # A protocol of your own
 //!
-//! [`Connection::raw`] opens any port for another protocol: a [`RawPort`] has its bytes, with the lock, the errors, the
-//! [interrupt](RawPort::set_interrupt) and the [tap](Tap) that the arms have.
+//! [`Connection::raw`] opens a port, other than a HID device, for another protocol: a [`RawPort`] has its bytes, with the
+//! lock, the errors, the [interrupt](RawPort::set_interrupt) and the [tap](Tap) that the arms have.
 //!
 //! # Errors
 //!

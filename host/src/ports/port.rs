@@ -258,7 +258,7 @@ impl Port {
 }
 
 /// A port to open an arm, a [device of your own](Self::raw) or an adapter on. On CAN it has the open bus, which a clone
-/// shares, with one arm and one control port at a time: a second is [`Error::InUse`].
+/// shares, with one arm or device and one control port at a time: a second is [`Error::InUse`].
 #[derive(Clone)]
 pub struct Connection {
     port: Port,
