@@ -10,7 +10,8 @@ use crate::error::Error;
 /// another handle of the same arm.
 ///
 /// Commands go first: a [`call`](Self::call) waits for the call that runs, and for at most one read of a reader or of a
-/// [wait](Self::move_and_wait). These wait for all calls, a wait 0.1 s at most. A call that waits for a motion itself holds the arm meanwhile.
+/// [wait](Self::move_and_wait). These wait for all calls, a wait 0.1 s at most. A call that waits for a motion itself
+/// holds the arm meanwhile.
 ///
 /// [`Reader`]: crate::Reader
 pub struct Shared<A>(Arc<Inner<A>>);
@@ -67,8 +68,8 @@ impl<A> Shared<A> {
         self.run(lock(&self.0.arm), read)
     }
 
-    /// Runs `read` as [`read`](Self::read), but as a [`call`](Self::call) once calls have delayed it for this time; at once
-    /// if the time is zero.
+    /// Runs `read` as [`read`](Self::read), but as a [`call`](Self::call) once calls have delayed it for this time: at
+    /// once if that is zero.
     ///
     /// # Errors
     ///
