@@ -99,6 +99,15 @@ fn servo_answers_on_a_port_opened_by_its_text() {
 }
 
 #[test]
+fn no_bytes_are_no_error() {
+    with_servos(|path, _| {
+        let (mut port, _) = armwire_host::open(path).unwrap().raw(Config::DEFAULT).unwrap();
+        assert_eq!(port.write(&[]).unwrap(), 0);
+        assert_eq!(port.read(&mut [], Duration::MAX).unwrap(), 0);
+    });
+}
+
+#[test]
 fn servo_hears_only_its_baud_rate() {
     with_servos(|path, _| {
         let slow = Config {

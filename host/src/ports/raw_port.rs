@@ -32,13 +32,17 @@ impl RawPort {
     }
 
     /// Reads the bytes that have arrived, or waits at most `wait` for the first one. Returns their number; 0 if none
-    /// arrived. A wait with an [interrupt](Self::set_interrupt) ends after 100 ms at most.
+    /// arrived, or if `buf` is empty. A wait with an [interrupt](Self::set_interrupt) ends after 100 ms at most.
     ///
     /// # Errors
     ///
     /// [`Error::Lost`] if the port or the connection is gone, [`Error::Interrupted`] by the interrupt. Others of a CAN
     /// bus.
     pub fn read(&mut self, buf: &mut [u8], wait: Duration) -> Result<usize, Error> {
+        // To a line, 0 bytes are its end.
+        if buf.is_empty() {
+            return Ok(0);
+        }
         let n = self.line.read(buf, self.interrupter.part(wait))?;
         if let Some(tap) = &mut self.tap {
             tap.received(&buf[..n]);
@@ -49,13 +53,17 @@ impl RawPort {
         Ok(n)
     }
 
-    /// Writes some of the bytes, at least one, and returns how many. On CAN they are one message, and all are written.
+    /// Writes some of the bytes, at least one if there are any, and returns how many. On CAN they are one message, which
+    /// has at most 70 bytes, and all are written.
     ///
     /// # Errors
     ///
     /// [`Error::Lost`] if the port or the connection is gone, [`Error::Stuck`] if it accepts no bytes. Others of a CAN
     /// bus.
     pub fn write(&mut self, bytes: &[u8]) -> Result<usize, Error> {
+        if bytes.is_empty() {
+            return Ok(0);
+        }
         let n = self.line.write(bytes)?;
         if let Some(tap) = &mut self.tap {
             tap.sent(&bytes[..n]);
