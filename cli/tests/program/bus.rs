@@ -173,7 +173,9 @@ fn program_that_takes_the_answers_is_named() {
 
 #[test]
 fn progress_is_shown_if_so_asked() {
-    let (text, status, errors) = report("bus-progress", &[], &["--seconds", "1.5", "--json", "--progress"]);
+    // The search for these takes no second, and the reading is long enough for a line on a busy system.
+    let options = ["--ids", "1-6", "--seconds", "2", "--json", "--progress"];
+    let (text, status, errors) = report("bus-progress", &[], &options);
     assert_eq!(status, Some(0), "{errors}");
     assert!(serde_json::from_str::<Value>(&text).is_ok(), "{text}");
     assert!(
