@@ -1,5 +1,5 @@
-//! The sensor on a port of this computer: `cargo run --example pc -- /dev/ttyUSB0 2` reads joint 2. The port may also be
-//! `usb:SERIAL`, `tcp:HOST:PORT`, or that of an adapter on CAN.
+//! The sensor on a port of this computer: `cargo run --example pc -- /dev/ttyUSB0 2` reads joint 2. The port may also
+//! be `usb:SERIAL`, `tcp:HOST:PORT`, or that of an adapter on CAN.
 
 use std::env;
 use std::error;
