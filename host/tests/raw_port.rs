@@ -168,6 +168,12 @@ fn server_adds_its_delay_to_the_timing() {
     let (mut port, config) = armwire_host::open(&text).unwrap().raw(Config::DEFAULT).unwrap();
     assert_eq!(config.latency, Config::DEFAULT.latency + Config::TCP.latency);
     assert_eq!(config.stale_window, Config::TCP.stale_window);
+    let patient = Config {
+        stale_window: Config::TCP.stale_window + Config::TCP.stale_window,
+        ..Config::DEFAULT
+    };
+    let (_, config) = armwire_host::open(&text).unwrap().raw(patient).unwrap();
+    assert_eq!(config.stale_window, patient.stale_window);
     drop(server.accept().unwrap());
     let error = port.read(&mut [0], Duration::MAX).unwrap_err();
     assert!(matches!(error, Error::Lost { .. }), "{error}");

@@ -309,7 +309,8 @@ impl Connection {
     /// [`Client`](armwire::Client).
     ///
     /// `usual` is the timing on a serial port. Its baud rate is the default of [`Options::baud`]. TCP and CAN add their
-    /// delay, and the baud rate there is that of the server or the adapter. On CAN the adapter must be set to `raw`.
+    /// delay, and TCP makes the stale window a second at least. The baud rate there is that of the server or the adapter.
+    /// On CAN the adapter must be set to `raw`.
     ///
     /// A serial port has 8 data bits, no parity and 1 stop bit. It is locked, and bytes that arrived before are discarded.
     ///
@@ -386,7 +387,7 @@ impl Connection {
             Port::Tcp(host) => {
                 let config = Config {
                     latency: usual.latency + TCP.latency,
-                    stale_window: TCP.stale_window,
+                    stale_window: usual.stale_window.max(TCP.stale_window),
                     ..usual
                 };
                 (Box::new(Tcp::connect(host, true)?), config)
