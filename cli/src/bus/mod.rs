@@ -135,10 +135,16 @@ impl Bus {
              {echoes} echoes came",
             self.ids.0.len()
         );
+        let hint = match self.port {
+            Port::Can { .. } | Port::Slcan { .. } => {
+                "is it a bus of Feetech servos, with its supply on, and is the adapter set to raw?"
+            }
+            _ => "is it a bus of Feetech servos, with its supply on?",
+        };
         Host::NoAnswer {
             name: self.port.to_string().into(),
             cause: cause.into(),
-            hint: "is it a bus of Feetech servos, with its supply on?".into(),
+            hint: hint.into(),
             missing: match noise + unsolicited + echoes {
                 0 => Missing::Silent,
                 _ => Missing::Foreign,

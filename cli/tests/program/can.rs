@@ -173,10 +173,10 @@ fn invalid_bit_rate_and_node_are_refused() {
 #[test]
 fn servo_bus_is_looked_for_behind_the_adapter() {
     let bus = CanBus::start();
-    // Another arm is there.
+    // The adapter is set to another arm.
     let error = failure(&run(&["bus", &bus.port(), "--ids", "1-2"]));
     assert!(
-        error.contains("no servo answers to the 2 ids of --ids") && error.contains("is it a bus of Feetech servos"),
+        error.contains("no servo answers to the 2 ids of --ids") && error.contains("is the adapter set to raw?"),
         "{error}"
     );
     let nobody = format!("slcan:{}@{BIT_RATE}/{}", bus.path, NODE + 1);
