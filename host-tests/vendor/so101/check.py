@@ -5,8 +5,6 @@ Usage: check.py DOCS PYTHON FTSERVO_PYTHON [--write]
 DOCS is the folder of the pages, PYTHON and FTSERVO_PYTHON the Python of each environment. `--write` writes the pages.
 """
 
-import contextlib
-import os
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -17,20 +15,17 @@ from runs import Pythons
 
 # Number of runs at the same time. They mostly wait.
 WORKERS = 4
-# Priority of all runs, where the system allows it.
-PRIORITY = -15
 
 
 def main(docs: Path, pythons: Pythons, write: bool) -> None:
     """Check all pages."""
-    # Other checks compete for the processor.
-    with contextlib.suppress(PermissionError):
-        os.setpriority(os.PRIO_PROCESS, 0, PRIORITY)
     upstream = sorted((docs / "upstream").glob("*.md"))
+    if not upstream:
+        sys.exit(f"{docs}/upstream has no page")
     # The table's runs take the workers first; a page waits for its own.
     with ThreadPoolExecutor(WORKERS) as workers, ThreadPoolExecutor() as waiting:
-        checks = {docs / "so101.md": waiting.submit(table.checked, docs / "so101.md", pythons, workers)}
-        checks |= {page: waiting.submit(pages.checked, page, pythons, workers) for page in upstream}
+        checks = {docs / "so101.md": waiting.submit(table.checked, docs / "so101.md", pythons, workers, write)}
+        checks |= {page: waiting.submit(pages.checked, page, pythons, workers, write) for page in upstream}
     differing = []
     for page, check in checks.items():
         text = check.result()

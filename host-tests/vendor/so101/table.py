@@ -20,11 +20,11 @@ PROGRAMS = {
 FOLLOWER = "lerobot_follower"
 
 
-def checked(page: Path, pythons: Pythons, workers: Executor) -> str:
-    """The page with the results of all scenes and programs."""
+def checked(page: Path, pythons: Pythons, workers: Executor, is_new: bool) -> str:
+    """The page with the results of all scenes and programs. New ones do not depend on those of the page."""
     before, rest = page.read_text().split(START)
     old, after = rest.split(END)
-    return before + START + section(cells(old), pythons, workers) + END + after
+    return before + START + section({} if is_new else cells(old), pythons, workers) + END + after
 
 
 def section(old: dict[str, list[str]], pythons: Pythons, workers: Executor) -> str:
@@ -40,7 +40,7 @@ def section(old: dict[str, list[str]], pythons: Pythons, workers: Executor) -> s
         scene.title: [workers.submit(cell, program, name, scene.title) for program in PROGRAMS]
         for name, scene in SCENES.items()
     }
-    expected = "\n".join(f"{step}|{result}" for step, (result, *_) in old.items() if step.startswith("`"))
+    expected = "\n".join(f"{step}|{result}" for step, (result, *_) in old.items() if step.startswith("`")) or None
     steps = workers.submit(settled, FOLLOWER, lambda: run(pythons.most, HERE / f"{FOLLOWER}.py"), expected)
     versions, date = pinned()
     names = [f"{name} {versions[package]}" for name, package in PROGRAMS.values()]
