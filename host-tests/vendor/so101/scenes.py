@@ -39,6 +39,8 @@ class Trial:
 
     arm: VirtualSo101
     program: Program
+    volts: float
+    """The supply."""
 
     def readings(self, count: int = READINGS, pause: float = PAUSE) -> Iterator[str]:
         """What each of this many readings of all positions is: see `reading`."""
@@ -62,7 +64,7 @@ class Trial:
     def register(self, servo: int, name: str) -> str:
         """Read a register of one servo."""
         state = self.arm.state()[servo - 1]
-        truth = {"position": state.position, "voltage": round(VOLTS * 10), "torque": state.torque}[name]
+        truth = {"position": state.position, "voltage": round(self.volts * 10), "torque": state.torque}[name]
         read = attempt(lambda: self.program.read(servo, name))
         if isinstance(read, Failure):
             return read.name
@@ -75,6 +77,14 @@ class Trial:
             outcomes[name] = self.register(servo, name)
             time.sleep(pause)
         return outcomes
+
+    def move(self, goal: int) -> None:
+        """Set this goal for every servo, and wait until the arm has moved and stands still."""
+        start = self.arm.state()
+        self.program.set_goals(goal)
+        while self.arm.state() == start:
+            time.sleep(PAUSE)
+        rest(self.arm)
 
     def torque(self) -> str:
         """The servos with torque."""
@@ -155,8 +165,7 @@ def late(trial: Trial) -> str:
 
 
 def late_registers(trial: Trial) -> str:
-    trial.program.set_goals(1000)
-    rest(trial.arm)
+    trial.move(1000)
     trial.arm.order(f"late 1:{LATE}")
     return by_register([trial.registers(1, pause=0) for _ in range(4)])
 
@@ -199,8 +208,7 @@ def brownout(trial: Trial) -> str:
 
 
 def sag(trial: Trial) -> str:
-    trial.program.set_goals(2500)
-    rest(trial.arm)
+    trial.move(2500)
     return f"{trial.reading()}, {2500 - trial.arm.state()[1].position} steps below the goal"
 
 
@@ -245,7 +253,7 @@ def run(program: type[Program], scene: Scene) -> str:
         opened = attempt(lambda: program(arm.port))
         if isinstance(opened, Failure):
             return f"open: {opened.name}"
-        trial = Trial(arm, opened)
+        trial = Trial(arm, opened, scene.volts)
         if not scene.from_start:
             opened.switch_torque_on()
             give(arm, scene)
