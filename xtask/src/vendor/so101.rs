@@ -8,20 +8,13 @@ use super::python::Python;
 use crate::python;
 use crate::workspace::root;
 
-/// Runs the programs with the wheel of the package, and compares the results with the pages, or writes them there. A machine
-/// without a Python for LeRobot compares nothing.
+/// Runs the programs with the wheel of the package, and compares the results with the pages, or writes them there.
 ///
 /// # Errors
 ///
-/// If a result is another than on a page, or something cannot be built or installed.
+/// If a result is another than on a page, if there is no Python for LeRobot, or if something cannot be built or installed.
 pub(crate) fn compare(write: bool) -> Result<()> {
-    let newer = match python::newer_python() {
-        Err(missing) if !write => {
-            println!("skipped: {missing}");
-            return Ok(());
-        }
-        found => found?,
-    };
+    let newer = python::newer_python()?;
     let most = Python::of(&newer, "so101", "so101/requirements.txt")?;
     // Two of the programs have a module of the same name.
     let ftservo = Python::of(&newer, "so101-ftservo", "so101/requirements-ftservo.txt")?;
