@@ -30,3 +30,21 @@ pub(crate) fn only_entry(folder: &Path) -> Result<PathBuf> {
     ensure!(entries.next().is_none(), "{} has several entries", folder.display());
     Ok(entry.path())
 }
+
+/// All files in a folder and those below, sorted.
+///
+/// # Errors
+///
+/// If a folder cannot be read.
+pub(crate) fn list(folder: &Path) -> Result<Vec<PathBuf>> {
+    let mut files = Vec::new();
+    for entry in fs::read_dir(folder)? {
+        let path = entry?.path();
+        match path.is_dir() {
+            true => files.extend(list(&path)?),
+            false => files.push(path),
+        }
+    }
+    files.sort();
+    Ok(files)
+}

@@ -4,15 +4,15 @@ use std::fs;
 use std::path::Path;
 use std::process::Command;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 
 use super::dependencies::Program;
-use super::folder::{add_checksums, check_paths, copy, list, pack};
+use super::folder::{add_checksums, check_paths, copy, pack};
 use super::release::Release;
 use super::system::System;
 use crate::files::empty_folder;
-use crate::glibc;
 use crate::process::run;
+use crate::{glibc, python};
 
 impl Release {
     /// Makes the folder and the archive of this system.
@@ -44,33 +44,30 @@ impl Release {
     }
 
     fn add_wheels(&self, system: System, folder: &Path) -> Result<()> {
+        let mut modules = 0;
         for wheel in fs::read_dir(self.wheels())? {
             let wheel = wheel?;
             let name = wheel.file_name();
             if system.takes_wheel(&name.to_string_lossy()) {
-                self.check_wheel(&wheel.path())?;
+                modules += self.check_wheel(&wheel.path())?;
                 copy(&wheel.path(), &folder.join(name))?;
             }
         }
+        ensure!(modules > 0, "no wheel has a compiled module for {}", system.target);
         Ok(())
     }
 
-    /// Checks the content of a wheel: neither paths nor symbols are found in a compressed file.
-    fn check_wheel(&self, wheel: &Path) -> Result<()> {
+    /// Checks the content of a wheel: neither paths nor symbols are found in a compressed file. Returns the number of its
+    /// compiled modules.
+    fn check_wheel(&self, wheel: &Path) -> Result<usize> {
         let unpacked = self.dist.join("wheel");
-        empty_folder(&unpacked)?;
-        let mut unzip = Command::new("python3");
-        run(unzip.args(["-m", "zipfile", "-e"]).arg(wheel).arg(&unpacked))?;
+        let modules = python::check_modules(wheel, &unpacked)?;
         check_paths(&unpacked)?;
-        let files = list(&unpacked)?;
-        let mut modules = files
-            .iter()
-            .filter(|file| file.extension().is_some_and(|name| name == "so"));
-        modules.try_for_each(|module| check_symbols(module))
+        Ok(modules)
     }
 }
 
-/// Checks that a program for Linux, or a library, starts on the oldest system that the manual names.
+/// Checks that a program for Linux starts on the oldest system that the manual names.
 fn check_symbols(file: &Path) -> Result<()> {
     glibc::check(&fs::read(file)?).with_context(|| file.display().to_string())
 }

@@ -7,6 +7,8 @@ use std::process::Command;
 
 use anyhow::{Context, Result, bail};
 
+use crate::cargo::target_dir;
+use crate::files::list;
 use crate::process::{output, run, run_to};
 use crate::toolchain::rustc;
 use crate::workspace::root;
@@ -15,7 +17,7 @@ use crate::workspace::root;
 pub(super) fn check_paths(folder: &Path) -> Result<()> {
     let mut grep = Command::new("grep");
     grep.args(["--recursive", "--text", "--files-with-matches", "--fixed-strings"]);
-    for path in [root(), &*cargo_home()?, &*sysroot()?] {
+    for path in [root(), &*target_dir()?, &*cargo_home()?, &*sysroot()?] {
         grep.arg("-e").arg(path);
     }
     // Exit code 1: nothing found.
@@ -40,20 +42,6 @@ pub(super) fn add_checksums(folder: &Path) -> Result<()> {
     let names = names.collect::<Result<Vec<_>, _>>()?;
     let sums = output(Command::new("sha256sum").args(names).current_dir(folder))?;
     write(&folder.join("SHA256SUMS"), &sums)
-}
-
-/// All files in a folder and those below, sorted.
-pub(super) fn list(folder: &Path) -> Result<Vec<PathBuf>> {
-    let mut files = Vec::new();
-    for entry in fs::read_dir(folder)? {
-        let path = entry?.path();
-        match path.is_dir() {
-            true => files.extend(list(&path)?),
-            false => files.push(path),
-        }
-    }
-    files.sort();
-    Ok(files)
 }
 
 /// The archive of a folder, beside it.
