@@ -9,9 +9,11 @@ use anyhow::{Context, Result, ensure};
 
 use super::folder::archive_of;
 use super::release::Release;
-use super::system::{SYSTEMS, System};
+use super::system::{HERE, SYSTEMS, System};
+use crate::apt;
 use crate::cargo::{cargo, target_dir};
 use crate::files::{empty_folder, only_entry};
+use crate::platforms::emulator::Emulator;
 use crate::platforms::python::Arm64Python;
 use crate::platforms::{self, Platform};
 use crate::process::run;
@@ -57,18 +59,21 @@ for package in sys.argv[1:]:
 ///
 /// The first of them that fails.
 pub(super) fn run_all(release: &Release) -> Result<()> {
-    // Other systems do as this machine's does.
+    apt::require(&platforms::TOOLS)?;
+    // Each does as one that cargo builds.
     run(&mut cargo("build --quiet --package armwire-cli"))?;
     let platforms = platforms::all(&target_dir()?.join("platforms"))?;
     let trials = release.dist.join("trial");
     for system in SYSTEMS {
         let folder = trials.join(system.target);
         let unpacked = unpack(&archive_of(&release.folder(system)), &folder)?;
-        let platform = platforms.iter().find(|platform| platform.target == system.target);
-        match platform {
-            None => try_here(system, &unpacked, &folder)?,
-            Some(platform) => try_emulated(system, platform, &unpacked, &folder)?,
+        if system.target == HERE.target {
+            try_here(system, &unpacked, &folder)?;
+            continue;
         }
+        let platform = platforms.iter().find(|platform| platform.target == system.target);
+        let platform = platform.with_context(|| format!("no emulator runs {}", system.target))?;
+        try_emulated(system, platform, &unpacked, &folder)?;
     }
     Ok(())
 }
@@ -87,7 +92,7 @@ fn unpack(archive: &Path, folder: &Path) -> Result<PathBuf> {
 
 /// Uses the archive for this machine.
 fn try_here(system: System, unpacked: &Path, folder: &Path) -> Result<()> {
-    run(Command::new(unpacked.join("bin/armwire")).arg("--version"))?;
+    platforms::trial::run_all(&unpacked.join("bin").join(system.program()), &Emulator::none(), folder)?;
     try_library("cc", system, unpacked, folder)?;
     try_wheels(&unpacked.join("python"), folder)?;
     web::test_page(&unpacked.join("web"))

@@ -26,6 +26,14 @@ pub(crate) struct Emulator {
 }
 
 impl Emulator {
+    /// No emulator: this machine runs the programs.
+    pub(crate) fn none() -> Self {
+        Self {
+            words: Vec::new(),
+            environment: Vec::new(),
+        }
+    }
+
     /// QEMU for this processor, with the libraries in a folder.
     ///
     /// # Errors
@@ -68,9 +76,9 @@ impl Emulator {
 
     /// This program, in the root of the workspace.
     pub(super) fn command(&self, program: &Path) -> Command {
-        let mut words = self.words.iter();
-        let mut command = Command::new(words.next().cloned().unwrap_or_default());
-        command.args(words).arg(program).current_dir(root());
+        let mut words = self.words.iter().map(OsString::as_os_str).chain([program.as_os_str()]);
+        let mut command = Command::new(words.next().unwrap_or_default());
+        command.args(words).current_dir(root());
         command.envs(self.environment.iter().map(|(name, value)| (name, value)));
         command
     }

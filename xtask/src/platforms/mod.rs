@@ -3,7 +3,7 @@
 //! docs/platforms.md has a row for each.
 
 mod debian;
-mod emulator;
+pub(crate) mod emulator;
 pub(crate) mod python;
 pub(crate) mod trial;
 
@@ -23,6 +23,8 @@ use crate::python::{build_tools, tool};
 use crate::toolchain::cargo_for;
 use crate::workspace::root;
 
+/// The compiler for C on Windows, which links there, with its package.
+pub(crate) const MINGW: (&str, &str) = ("x86_64-w64-mingw32-gcc", "gcc-mingw-w64-x86-64-win32");
 /// Compilers for C, and Wine, with the packages that have them.
 pub(crate) const TOOLS: [(&str, &str); 4] = [
     ("aarch64-linux-gnu-gcc", "gcc-aarch64-linux-gnu libc6-dev-arm64-cross"),
@@ -30,7 +32,7 @@ pub(crate) const TOOLS: [(&str, &str); 4] = [
         "arm-linux-gnueabihf-gcc",
         "gcc-arm-linux-gnueabihf libc6-dev-armhf-cross",
     ),
-    ("x86_64-w64-mingw32-gcc", "gcc-mingw-w64-x86-64-win32"),
+    MINGW,
     ("wine", "wine wine64"),
 ];
 /// The tests of the library for PCs on another processor: those of moving arms take minutes there.
