@@ -111,7 +111,7 @@ fn unpack(crates: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Builds a crate as a stranger does: with the versions of its own lock file, and no feature that another crate asks for.
+/// Builds a crate as a stranger does: with the lock file of its package, and no feature that another crate asks for.
 fn build_alone(package: &str, crates: &Path) -> Result<()> {
     println!("{package}: alone, for {NO_STD}");
     let package = versioned(package);
