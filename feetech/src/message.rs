@@ -94,6 +94,9 @@ fn put(out: &mut [u8], id: u8, code: u8, data: impl Iterator<Item = u8> + Clone)
     write(out, [0xFF, 0xFF].into_iter().chain(covered).chain([check]))
 }
 
+/// The most servos of a request to several: behind its address and length, without data for each.
+const MAX_SERVOS: u16 = MAX_DATA - 2;
+
 /// Checks the servos of a request to several, and that each has its data.
 fn check_servos(request: &Request<'_>) -> Result<(), OutOfRange> {
     let (data, len) = match *request {
@@ -103,6 +106,7 @@ fn check_servos(request: &Request<'_>) -> Result<(), OutOfRange> {
     };
     let (size, len) = (usize::from(len) + 1, u16::from(len));
     let ids = data.iter().step_by(size);
+    within("count of ids", "", ids.len() as u16, 1..=MAX_SERVOS)?;
     for id in ids.clone() {
         within("id", "", (*id).into(), 0..=MAX_ID.into())?;
         let count = ids.clone().filter(|other| *other == id).count();
@@ -136,7 +140,7 @@ impl Messages for Feetech {
     /// # Errors
     ///
     /// [`EncodeError`] also for an id above [`BROADCAST`], and for a packet of more than [`MAX_FRAME`] bytes. For several
-    /// servos: for an id above [`MAX_ID`] or twice, and for data that is not an id and `len` bytes for each.
+    /// servos: for no id, an id above [`MAX_ID`] or twice, and for data that is not an id and `len` bytes for each.
     fn encode_request(&self, request: &Request<'_>, out: &mut [u8]) -> Result<usize, EncodeError> {
         let (_, code, id, head, rest) = request.parts();
         let data = head.into_iter().flatten().chain(rest.iter().copied());

@@ -199,6 +199,7 @@ fn servos_of_a_request_to_several_are_checked() {
         (&[1, BROADCAST][..], "id is 254, must be 0..=253"),
         (&[255][..], "id is 255, must be 0..=253"),
         (&[3, 1, 2, 1][..], "count of one id is 2, must be 1..=1"),
+        (&[][..], "count of ids is 0, must be 1..=242"),
     ] {
         assert_eq!(refusal(Request::SyncRead { address, len, ids }), text);
         let data: Vec<u8> = ids.iter().flat_map(|id| [*id, 0, 8]).collect();
