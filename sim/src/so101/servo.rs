@@ -112,8 +112,8 @@ impl Servo {
         if self.has_torque() {
             return Err(OrderError::Holds(id));
         }
-        let here = self.plant.position() - self.offset();
-        // The same turn, unless the turns are counted.
+        // The turn of the reported position, unless the turns are counted.
+        let here = (self.plant.position() - self.offset()).round();
         let (turns, min, max) = if self.counts_turns() {
             (0.0, register::POSITION.min, register::POSITION.max)
         } else {

@@ -491,6 +491,20 @@ fn hand_moves_to_positions_that_are_reported() {
 }
 
 #[test]
+fn hand_stays_in_the_turn_that_is_reported() {
+    let mut bus = faulty("sag 30");
+    order(&mut bus, "hand 2 1500").unwrap();
+    wait(&mut bus, 2_000);
+    let here = encoder(&mut bus, 2);
+    let zero = here.round();
+    assert!(here < zero, "it sinks to {here}");
+    write(&mut bus, 2, register::OFFSET, zero as i32);
+    assert_eq!(read(&mut bus, 2, register::POSITION), 0);
+    order(&mut bus, "hand 2 0").unwrap();
+    assert_eq!(encoder(&mut bus, 2), zero);
+}
+
+#[test]
 fn state_has_a_line_for_each_servo() {
     let mut bus = faulty("hand 2 1500");
     let state = order(&mut bus, "state").unwrap();
