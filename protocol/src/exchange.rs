@@ -38,7 +38,7 @@ use crate::time::{Duration, Instant};
 pub struct Handover {
     /// The number of bytes received before: the decoder's [`received`](crate::decoder::Decoder::received).
     pub offset: u64,
-    /// The time of its last byte on the line.
+    /// The time of its handover.
     pub at: Instant,
     /// The timeout of its answer.
     pub due: Instant,
