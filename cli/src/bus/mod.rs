@@ -98,11 +98,8 @@ impl Bus {
             let at = baud.map_or_else(String::new, |baud| format!(" at {baud} baud"));
             line.run(&mut survey, stop, |survey, _| {
                 status.show(|| {
-                    format!(
-                        "{} servos found{at}, {} ids left",
-                        survey.servos.len(),
-                        survey.ids_left()
-                    )
+                    let found = servos(survey.servos.len());
+                    format!("{found} found{at}, {} ids left", survey.ids_left())
                 });
                 survey.is_searching()
             })?;
@@ -110,8 +107,8 @@ impl Bus {
                 drop(status);
                 if !self.json {
                     print_error(&format_args!(
-                        "{} servos{at}; reading them for {} s, until Ctrl-C",
-                        survey.servos.len(),
+                        "{}{at}; reading them for {} s, until Ctrl-C",
+                        servos(survey.servos.len()),
                         self.seconds.as_secs_f32()
                     ));
                 }
@@ -200,6 +197,14 @@ impl Bus {
                 ))
             }
         }
+    }
+}
+
+/// A number of servos, in words.
+fn servos(count: usize) -> String {
+    match count {
+        1 => "1 servo".into(),
+        count => format!("{count} servos"),
     }
 }
 

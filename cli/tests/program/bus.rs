@@ -42,6 +42,13 @@ fn healthy_bus_has_a_line_for_each_servo() {
 }
 
 #[test]
+fn one_servo_is_in_the_singular() {
+    let (_, status, progress) = report("bus-one", &[], &["--ids", "3", "--seconds", "1", "--baud", "1000000"]);
+    assert_eq!(status, Some(0), "{progress}");
+    assert!(progress.contains(" 1 servo at 1000000 baud;"), "{progress}");
+}
+
+#[test]
 fn findings_have_advice_and_fail_on_demand() {
     let sim = ["--volts", "3.9", "--ids", "1,2", "--models", "777,2825", "--echo"];
     let (text, status, errors) = report(
