@@ -14,6 +14,8 @@ use armwire_sim::pty::Pty;
 use armwire_sim::serial::SerialDevice;
 use rustix::process::{Pid, Signal, kill_process};
 
+#[cfg(target_os = "linux")]
+use crate::common::retry_while_busy;
 use crate::common::terminal::Terminal;
 use crate::common::{
     Arm, NO_ANSWER, PROGRAM, TIMEOUT, angles, failure, finish, free_path, retry_while, run, start, success, usage,
@@ -131,9 +133,7 @@ impl Pair {
 #[test]
 fn one_port_twice_is_in_use_by_this_process() {
     let leader = Arm::start("ling", "teleop-once", &["--leader"]);
-    let line = failure(&crate::common::retry_while_busy(|| {
-        run(&["teleop", &leader.port, &leader.port])
-    }));
+    let line = failure(&retry_while_busy(|| run(&["teleop", &leader.port, &leader.port])));
     assert!(line.ends_with("in use by this process: close that one first"), "{line}");
 }
 
