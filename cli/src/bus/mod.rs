@@ -89,7 +89,7 @@ impl Bus {
     pub(crate) fn run(&self, stop: &AtomicBool) -> Result<(), Error> {
         let connection = self.port.open(Options::default().with_baud(self.baud.0))?;
         let mut status = self.status.line();
-        let (mut noise, mut echoes, mut unsolicited) = (0, 0, 0);
+        let mut failed = Vec::new();
         for baud in self.rates() {
             let (port, config) = connection.raw(timing(baud))?;
             let mut line = Line::new(port);
@@ -114,19 +114,21 @@ impl Bus {
                 }
                 return self.read(line, survey, baud, stop);
             }
-            noise += survey.noise;
-            echoes += survey.echoes;
-            unsolicited += survey.unsolicited;
+            failed.push(survey);
             if stop.load(Ordering::Relaxed) {
                 return Err(Error::at(&self.port.to_string(), "interrupted before a servo answered"));
             }
         }
         drop(status);
-        Err(connection.explain(self.no_servo(noise, unsolicited, echoes)).into())
+        Err(connection.explain(self.no_servo(&failed)).into())
     }
 
-    /// The error of a bus on which only these bytes, answers and echoes came.
-    fn no_servo(&self, noise: u64, unsolicited: u64, echoes: u64) -> Host {
+    /// The error of a bus on which these surveys found no servo.
+    fn no_servo(&self, surveys: &[Survey]) -> Host {
+        let sum = |count: fn(&Survey) -> u64| surveys.iter().map(count).sum::<u64>();
+        let noise = sum(|survey| survey.noise);
+        let unsolicited = sum(|survey| survey.unsolicited);
+        let echoes = sum(|survey| survey.echoes);
         let cause = format!(
             "no servo answers to the {} ids of --ids; {noise} noise bytes, {unsolicited} answers without a request, \
              {echoes} echoes came",
@@ -142,11 +144,8 @@ impl Bus {
             name: self.port.to_string().into(),
             cause: cause.into(),
             hint: hint.into(),
-            missing: match noise + unsolicited + echoes {
-                0 => Missing::Silent,
-                _ => Missing::Foreign,
-            },
-            bytes: noise.try_into().unwrap_or(usize::MAX),
+            missing: missing(noise, unsolicited),
+            bytes: sum(Survey::received).try_into().unwrap_or(usize::MAX),
         }
     }
 
@@ -197,6 +196,15 @@ impl Bus {
                 ))
             }
         }
+    }
+}
+
+/// The probable cause of the silence of all servos. Echoes are bytes of this computer, and none of a servo.
+fn missing(noise: u64, unsolicited: u64) -> Missing {
+    match (noise, unsolicited) {
+        (0, 0) => Missing::Silent,
+        (_, 0) => Missing::Foreign,
+        _ => Missing::Elsewhere,
     }
 }
 
@@ -259,5 +267,50 @@ impl Line {
             survey.receive(now, &input[..n]);
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const ANSWER_OF_2: [u8; 6] = [0xFF, 0xFF, 0x02, 0x02, 0x00, 0xFB];
+
+    /// A search for servo 1 that receives what this makes of its request.
+    fn search(receive: fn(&[u8]) -> Vec<u8>) -> Survey {
+        let (mut survey, mut out) = (Survey::new(&[1], timing(1_000_000)), [0; MAX_FRAME]);
+        let n = survey.request(Instant::ZERO, &mut out).unwrap();
+        survey.receive(Instant::ZERO, &receive(&out[..n]));
+        survey
+    }
+
+    #[test]
+    fn silence_foreign_bytes_and_other_answers_are_told_apart() {
+        let bus = Bus {
+            port: "tcp:localhost:7000".parse().unwrap(),
+            seconds: time::Duration::ZERO,
+            ids: Ids(vec![1]),
+            baud: Baud(None),
+            json: false,
+            fail_on: Vec::new(),
+            status: StatusArg::default(),
+        };
+        for (surveys, expected) in [
+            (vec![search(|_| Vec::new())], (Missing::Silent, 0)),
+            (vec![search(<[u8]>::to_vec)], (Missing::Silent, 8)),
+            (
+                vec![search(<[u8]>::to_vec), search(|_| vec![7; 3])],
+                (Missing::Foreign, 11),
+            ),
+            (
+                vec![search(|_| ANSWER_OF_2.to_vec()), search(|_| vec![7; 3])],
+                (Missing::Elsewhere, 9),
+            ),
+        ] {
+            let Host::NoAnswer { missing, bytes, .. } = bus.no_servo(&surveys) else {
+                panic!("no missing answer");
+            };
+            assert_eq!((missing, bytes), expected);
+        }
     }
 }

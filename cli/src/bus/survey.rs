@@ -154,6 +154,11 @@ impl Survey {
         self.ids.len()
     }
 
+    /// The number of bytes received.
+    pub(super) fn received(&self) -> u64 {
+        self.host.decoder.received()
+    }
+
     /// Writes the next request, if it is time for one, and returns its length. Each is a read.
     pub(super) fn request(&mut self, now: Instant, out: &mut [u8; MAX_FRAME]) -> Option<usize> {
         if self.asked.is_some() {
