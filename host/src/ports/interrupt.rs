@@ -1,7 +1,7 @@
 //! A program's check during waits, such as for Ctrl-C.
 
 use std::error;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use crate::error::Error;
 
@@ -20,6 +20,8 @@ pub(super) struct Interrupter {
     check: Option<Check>,
     /// Text of the check's last error that was not taken. A check may report once, and its error may be dropped.
     interrupted: Option<String>,
+    /// The time of the check's last run.
+    ran: Option<Instant>,
 }
 
 impl Interrupter {
@@ -37,10 +39,19 @@ impl Interrupter {
         let Some(check) = &mut self.check else {
             return Ok(());
         };
+        self.ran = Some(Instant::now());
         check().map_err(|reason| {
             self.interrupted = Some(reason.to_string());
             Error::Interrupted(reason)
         })
+    }
+
+    /// Runs the check, if its last run was a [`PERIOD`] ago.
+    pub(super) fn run_if_due(&mut self) -> Result<(), Error> {
+        match self.ran.is_some_and(|ran| ran.elapsed() < PERIOD) {
+            true => Ok(()),
+            false => self.run(),
+        }
     }
 
     /// The text of the last error that the check returned since this was last called.

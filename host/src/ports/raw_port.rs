@@ -39,6 +39,13 @@ impl RawPort {
     /// [`Error::Lost`] if the port or the connection is gone, [`Error::Interrupted`] by the interrupt. Others of a CAN
     /// bus.
     pub fn read(&mut self, buf: &mut [u8], wait: Duration) -> Result<usize, Error> {
+        // No read waits on a line that always has bytes. Before they are taken: an error loses none.
+        self.interrupter.run_if_due()?;
+        self.receive(buf, wait)
+    }
+
+    /// Reads as [`read`](Self::read), but runs the check only if no bytes arrive in a wait.
+    pub(super) fn receive(&mut self, buf: &mut [u8], wait: Duration) -> Result<usize, Error> {
         // To a line, 0 bytes are its end.
         if buf.is_empty() {
             return Ok(0);
@@ -84,7 +91,8 @@ impl RawPort {
         Ok(())
     }
 
-    /// Makes reads that wait run this check at least every 100 ms. Its error ends the read, as [`Error::Interrupted`].
+    /// Makes reads run this check at least every 100 ms, whether bytes arrive or not. Its error ends the read, as
+    /// [`Error::Interrupted`]: no bytes are lost.
     pub fn set_interrupt(&mut self, check: impl FnMut() -> Interrupt + Send + 'static) {
         self.interrupter.set(Some(Box::new(check)));
     }
@@ -105,5 +113,45 @@ impl fmt::Debug for RawPort {
         f.debug_struct("RawPort")
             .field("name", &self.name())
             .finish_non_exhaustive()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A line that always has bytes.
+    struct Endless;
+
+    impl Line for Endless {
+        fn name(&self) -> &str {
+            "endless"
+        }
+
+        fn read(&mut self, buf: &mut [u8], _: Duration) -> Result<usize, Error> {
+            Ok(buf.len())
+        }
+
+        fn write(&mut self, bytes: &[u8]) -> Result<usize, Error> {
+            Ok(bytes.len())
+        }
+
+        fn hint(&self, _: Reception, _: Names) -> Text {
+            Text::default()
+        }
+    }
+
+    #[test]
+    fn line_that_always_has_bytes_is_interrupted() {
+        let mut port = RawPort::new(Box::new(Endless));
+        let mut runs = 0;
+        port.set_interrupt(move || {
+            runs += 1;
+            if runs > 2 { Err("Ctrl-C".into()) } else { Ok(()) }
+        });
+        // The reads take longer than three runs of the check.
+        let mut reads = (0..50_000_000).map(|_| port.read(&mut [0; 8], Duration::from_secs(1)));
+        let end = reads.find_map(Result::err);
+        assert!(matches!(end, Some(Error::Interrupted(_))), "{end:?}");
     }
 }
