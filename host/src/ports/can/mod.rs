@@ -290,8 +290,13 @@ impl Line for CanLine {
     }
 
     fn write(&mut self, bytes: &[u8]) -> Result<usize, Error> {
+        let n = bytes.len();
+        if n > MAX_FRAME {
+            let reason = format_args!("{n} bytes in one message, and the adapter takes at most {MAX_FRAME}");
+            return Err(Error::at(&self.name, reason));
+        }
         self.send_pdu(bytes)?;
-        Ok(bytes.len())
+        Ok(n)
     }
 
     fn hint(&self, reception: Reception, _: Names) -> Text {
@@ -354,6 +359,21 @@ mod tests {
         let sent = sent.lock().unwrap();
         assert_eq!(sent.len(), 1);
         assert_eq!(sent[0].data()[..4], [3, 3, 4, 5]);
+    }
+
+    #[test]
+    fn request_that_the_adapter_cannot_take_is_not_sent() {
+        let sent = Arc::default();
+        let bus = SharedBus::new(Faulty {
+            tries: 1,
+            sent: Arc::clone(&sent),
+            received: VecDeque::new(),
+        });
+        let (tx, rx) = (Function::ArmRequest, Function::ArmAnswer);
+        let mut line = CanLine::new("fake".to_owned(), &bus, Node::default(), tx, rx).unwrap();
+        let error = line.write(&[0; MAX_FRAME + 1]).unwrap_err().to_string();
+        assert_eq!(error, "fake: 71 bytes in one message, and the adapter takes at most 70");
+        assert!(sent.lock().unwrap().is_empty());
     }
 
     #[test]
