@@ -309,8 +309,9 @@ impl Connection {
     /// [`Client`](armwire::Client).
     ///
     /// `usual` is the timing on a serial port. Its baud rate is the default of [`Options::baud`]. TCP and CAN add their
-    /// delay, and TCP makes the stale window a second at least. The baud rate there is that of the server or the adapter.
-    /// On CAN the adapter must be set to `raw`, and a request has at most [`MAX_FRAME`](armwire_bridge::control::MAX_FRAME)
+    /// delay, and TCP makes the stale window a second at least. There the baud rate is that of the line behind the
+    /// server or the adapter, and sets nothing: the client's timeouts have the time of the bytes at this rate. On CAN
+    /// the adapter must be set to `raw`, and a request has at most [`MAX_FRAME`](armwire_bridge::control::MAX_FRAME)
     /// bytes.
     ///
     /// A serial port has 8 data bits, no parity and 1 stop bit. It is locked, and bytes that arrived before are discarded.
