@@ -68,8 +68,7 @@ impl<A> Shared<A> {
         self.run(lock(&self.0.arm), read)
     }
 
-    /// Runs `read` as [`read`](Self::read), but as a [`call`](Self::call) once calls have delayed it for this time: at
-    /// once if that is zero.
+    /// Runs `read` as [`read`](Self::read), but as a [`call`](Self::call) once calls have delayed it for this time.
     ///
     /// # Errors
     ///
@@ -79,9 +78,6 @@ impl<A> Shared<A> {
         patience: Duration,
         read: impl FnOnce(&mut A) -> Result<T, Error>,
     ) -> Result<T, Error> {
-        if patience.is_zero() {
-            return self.call(read);
-        }
         let waiting = lock(&self.0.waiting);
         let waited = self
             .0

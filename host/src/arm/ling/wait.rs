@@ -168,14 +168,6 @@ impl Switching {
         }
     }
 
-    /// The time for which other calls may delay the next step. The request is a call itself.
-    fn patience(&self) -> Duration {
-        match self.read_back.is_sent() {
-            true => interrupt::PERIOD,
-            false => Duration::ZERO,
-        }
-    }
-
     /// Sends the request, or reads once. `None` while the effect is undecided: call it again, after 20 ms.
     ///
     /// # Errors
@@ -302,7 +294,11 @@ impl Shared<Ling> {
 
     fn switch(&self, effect: Effect) -> Result<Outcome, Error> {
         let mut switching = Switching::new(effect);
-        until(|| self.read_within(switching.patience(), |arm| switching.step(arm)))
+        until(|| match switching.read_back.is_sent() {
+            // The request is a call itself, ahead of readers.
+            false => self.call(|arm| switching.step(arm)),
+            true => self.read_within(interrupt::PERIOD, |arm| switching.step(arm)),
+        })
     }
 }
 
@@ -495,6 +491,29 @@ mod tests {
             assert_eq!(requests, [CALLED], "no reading comes before it");
             assert!(outcome.unwrap().is_shown, "the read-back goes on");
         }
+    }
+
+    #[test]
+    fn torque_off_comes_before_the_next_reading_of_a_reader() {
+        let (moving, arm, _is_called) = moving(1);
+        moving.set(|arm| arm.status = MotionStatus::Idle);
+        let shared = Shared::new("fake", arm);
+        thread::scope(|scope| {
+            let reading = shared.read(|_| {
+                let switching = scope.spawn(|| shared.set_torque(Torque::Off));
+                // Until it waits for the arm.
+                let waits = (0..YIELDS).any(|_| {
+                    thread::yield_now();
+                    shared.waiting() == 1
+                });
+                Ok((switching, waits))
+            });
+            let (switching, waits) = reading.unwrap();
+            assert!(waits);
+            let requests = shared.read(|_| Ok(moving.set(|arm| arm.requests))).unwrap();
+            assert!(requests > 0);
+            assert!(switching.join().unwrap().unwrap().is_shown);
+        });
     }
 
     #[test]
