@@ -336,8 +336,8 @@ fn faults() -> impl Strategy<Value = Faults> {
     })
 }
 
-/// The time by which an answer counts as lost, of an arm that has answered no fence, in ms.
-const UNKNOWN: u64 = 2_000;
+/// The time after which the client counts an answer as lost, of an arm that has answered no fence, in ms.
+const STALL: u64 = 2_000;
 
 /// The longest time for which stalls hold an answer back, in ms.
 fn longest_stall(stalls: &[(u64, u64)]) -> u64 {
@@ -352,10 +352,10 @@ fn longest_stall(stalls: &[(u64, u64)]) -> u64 {
     longest
 }
 
-/// A world whose arm has answered a fence before a stall that is longer than [`UNKNOWN`].
+/// A world whose arm has answered a fence before a stall that is longer than [`STALL`].
 fn world(config: Config, faults: &Faults, seed: u64) -> World {
     let mut world = World::new(config, faults, seed);
-    if longest_stall(&faults.stalls) >= UNKNOWN {
+    if longest_stall(&faults.stalls) >= STALL {
         (world.faults.lost, world.faults.late) = (0, (0, 0));
         world.read_at(50, 5);
         (world.faults.lost, world.faults.late) = (faults.lost, faults.late);
@@ -494,6 +494,26 @@ fn calls_fail_in_a_stall_and_not_after_it() {
             "begun at {begin:?}"
         );
         world.now += MS(7);
+    }
+}
+
+#[test]
+fn answer_later_than_a_stall_is_taken_for_the_next_until_a_fence_is_answered() {
+    for (millis, is_new) in [(STALL - 10, true), (STALL + 500, false)] {
+        let faults = Faults {
+            stalls: vec![(0, millis)],
+            ..NONE
+        };
+        let mut world = World::new(Config::DEFAULT, &faults, 7);
+        assert!(world.call().is_none());
+        world.run(Instant::from_millis(millis - 20));
+        let begin = world.now;
+        let pose = world.call().expect("an answer");
+        assert_eq!(
+            begin <= pose.sampled,
+            is_new,
+            "{millis} ms: begun at {begin:?}, {pose:?}"
+        );
     }
 }
 
