@@ -5,21 +5,26 @@ use std::time::Duration;
 
 use armwire::ling::{JOINTS, JointState, Ling, MAX_FRAME, MotionStatus, PerServo, Request, Response, Stroke};
 use armwire::messages::Messages;
+use armwire::{Device, DeviceEvent};
 
 use crate::error::Error;
 use crate::error::text::Text;
 use crate::ports::line::{Line, Names, Reception};
 
-/// A line that passes each write to a function. The bytes which it returns are there for the next read.
+/// A line that passes each write, of whole requests, to a function. The bytes that it returns are the next to be read.
 pub(super) struct FakeLine<F> {
     answer: F,
+    arm: Device<Ling, MAX_FRAME>,
     answers: Vec<u8>,
 }
 
 impl<F: FnMut(&[u8]) -> Result<Vec<u8>, Error> + Send + 'static> FakeLine<F> {
     pub(super) fn boxed(answer: F) -> Box<dyn Line> {
-        let answers = Vec::new();
-        Box::new(Self { answer, answers })
+        Box::new(Self {
+            answer,
+            arm: Device::new(Ling),
+            answers: Vec::new(),
+        })
     }
 }
 
@@ -36,6 +41,12 @@ impl<F: FnMut(&[u8]) -> Result<Vec<u8>, Error> + Send> Line for FakeLine<F> {
 
     fn write(&mut self, bytes: &[u8]) -> Result<usize, Error> {
         self.answers.extend((self.answer)(bytes)?);
+        assert!(self.arm.receive(bytes).is_empty());
+        // The rest of a frame is noise then.
+        self.arm.idle();
+        while let Some(event) = self.arm.poll() {
+            assert!(matches!(event, DeviceEvent::Request { .. }), "{event:?}");
+        }
         Ok(bytes.len())
     }
 
