@@ -7,12 +7,13 @@ use std::time::Duration;
 
 use armwire::time::Instant;
 use armwire_host::stopwatch::Stopwatch;
-use armwire_host::{Error, RawPort};
-use own_arm::call::{CONFIG, Port, SensorClient, read_angle};
+use armwire_host::{Connection, Error, Missing, RawPort};
+use own_arm::call::{CONFIG, CallError, Port, SensorClient, read_angle};
 use own_arm::sensor::Sensor;
 
 /// An open port, and a clock.
 struct PcPort {
+    connection: Connection,
     port: RawPort,
     clock: Stopwatch,
 }
@@ -36,9 +37,25 @@ impl Port for PcPort {
 
 /// Opens a port by its text, for calls to the sensor on it.
 fn open(text: &str) -> Result<(SensorClient, PcPort), Error> {
-    let (port, config) = armwire_host::open(text)?.raw(CONFIG)?;
-    let clock = Stopwatch::start();
-    Ok((SensorClient::new(Sensor, config), PcPort { port, clock }))
+    let connection = armwire_host::open(text)?;
+    let (port, config) = connection.raw(CONFIG)?;
+    let port = PcPort {
+        connection,
+        port,
+        clock: Stopwatch::start(),
+    };
+    Ok((SensorClient::new(Sensor, config), port))
+}
+
+/// The error of a sensor that does not answer.
+fn silence(port: &PcPort) -> Error {
+    port.connection.explain(Error::NoAnswer {
+        name: port.port.name().into(),
+        cause: "the sensor does not answer".into(),
+        hint: "is it powered, and on this port?".into(),
+        missing: Missing::Silent,
+        bytes: 0,
+    })
 }
 
 fn main() -> Result<(), Box<dyn error::Error>> {
@@ -47,8 +64,11 @@ fn main() -> Result<(), Box<dyn error::Error>> {
         return Err("usage: pc PORT JOINT".into());
     };
     let (mut client, mut port) = open(&text)?;
-    let angle = read_angle(&mut client, &mut port, joint.parse()?).map_err(|error| error.to_string())?;
-    println!("{angle}");
+    match read_angle(&mut client, &mut port, joint.parse()?) {
+        Ok(angle) => println!("{angle}"),
+        Err(CallError::Silent) => return Err(silence(&port).to_string().into()),
+        Err(error) => return Err(error.to_string().into()),
+    }
     Ok(())
 }
 
@@ -61,7 +81,6 @@ mod tests {
     use armwire_sim::pty::Pty;
     use armwire_sim::serial::SerialDevice;
     use armwire_sim::serve::serve;
-    use own_arm::call::CallError;
     use own_arm::sensor::Angle;
     use own_arm::virtual_sensor::VirtualSensor;
 
@@ -119,6 +138,17 @@ mod tests {
             };
             assert_eq!(angle, Angle { joint: 2, tenths: 905 });
         });
+    }
+
+    #[test]
+    fn silence_is_explained() {
+        let pty = Pty::open(None).unwrap();
+        let path = pty.path().to_str().unwrap();
+        let (mut client, mut port) = open(path).unwrap();
+        let answer = read_angle(&mut client, &mut port, 1);
+        assert!(matches!(answer, Err(CallError::Silent)), "{answer:?}");
+        let text = format!("{path}: the sensor does not answer: is it powered, and on this port?");
+        assert_eq!(silence(&port).to_string(), text);
     }
 
     #[test]
