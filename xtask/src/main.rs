@@ -81,7 +81,7 @@ enum Command {
     Python(python::Options),
     /// Drive virtual arms with LeRobot, which takes 5 GB
     Lerobot,
-    /// Drive virtual arms with CAN software, SDKs and programs for servos
+    /// Drive virtual arms with CAN software, SDKs and servo programs
     Vendor(vendor::Options),
     /// Inject faults around the firmware image
     Campaign(campaign::Options),
