@@ -15,7 +15,7 @@ MAX_LINES = 19
 
 
 def checked(page: Path, pythons: Pythons, workers: Executor, is_new: bool) -> str:
-    """The page with the output of each block of Python that an output follows. A new one does not depend on the page."""
+    """The page with the output of each block of Python that has one. A new one does not depend on the page."""
     text = page.read_text()
     blocks = list(BLOCKS.finditer(text))
     if not blocks:
