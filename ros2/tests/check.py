@@ -1110,6 +1110,8 @@ def sixteen_arms(participant):
     time.sleep(0.5)
     assert peers[1].take()
     passed("a lost arm is an error in diagnostics, and the others continue")
+    # Readings from before the loss.
+    peers[0].take()
     other, _ = virtual_arm("arm0", "--serial", "ADFS990000000001")
     until(lambda: "another arm is on this port" in peers[0].status().message, 10, "another arm is named")
     assert not peers[0].take()
