@@ -60,8 +60,8 @@ impl RawPort {
         Ok(n)
     }
 
-    /// Writes some of the bytes, at least one if there are any, and returns how many. On CAN they are one message, which
-    /// has at most 70 bytes, and all are written.
+    /// Writes some of the bytes, at least one if there are any, and returns how many. On CAN they are one message,
+    /// whose length is [limited](crate::Connection::raw), and all are written.
     ///
     /// # Errors
     ///

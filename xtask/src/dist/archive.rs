@@ -72,7 +72,7 @@ fn check_symbols(file: &Path) -> Result<()> {
     glibc::check(&fs::read(file)?).with_context(|| file.display().to_string())
 }
 
-/// What is compiled for this system alone.
+/// The programs for this system alone.
 fn programs(system: System) -> Vec<Program> {
     let mut programs = vec![Program::new("armwire", "cli", system.target)];
     if system.has_wheel() {

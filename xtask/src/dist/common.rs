@@ -1,4 +1,4 @@
-//! What the archives of all systems have.
+//! The files that the archives of all systems have.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -107,7 +107,7 @@ impl Release {
     }
 }
 
-/// What is compiled for microcontrollers.
+/// The programs for microcontrollers.
 fn programs() -> [Program; 3] {
     let firmware = |name, board: Board, features| Program {
         features,

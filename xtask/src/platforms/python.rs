@@ -27,7 +27,7 @@ const PACKAGES: [&str; 10] = [
     "libstdc++6",
     "zlib1g",
 ];
-/// What the tests of a wheel need.
+/// The packages that the tests of a wheel need.
 const TEST_PACKAGES: [&str; 2] = ["numpy", "pytest"];
 /// The systems whose wheels this Python loads: that of one built without zig, the oldest that ours support, and NumPy's.
 const WHEELS: [&str; 3] = ["linux_aarch64", "manylinux_2_17_aarch64", "manylinux_2_28_aarch64"];
