@@ -34,12 +34,12 @@ impl Interrupter {
         self.check.take()
     }
 
-    /// Runs the check.
-    pub(super) fn run(&mut self) -> Result<(), Error> {
+    /// Runs the check, now.
+    pub(super) fn run(&mut self, now: Instant) -> Result<(), Error> {
         let Some(check) = &mut self.check else {
             return Ok(());
         };
-        self.ran = Some(Instant::now());
+        self.ran = Some(now);
         check().map_err(|reason| {
             self.interrupted = Some(reason.to_string());
             Error::Interrupted(reason)
@@ -47,10 +47,10 @@ impl Interrupter {
     }
 
     /// Runs the check, if its last run was a [`PERIOD`] ago.
-    pub(super) fn run_if_due(&mut self) -> Result<(), Error> {
-        match self.ran.is_some_and(|ran| ran.elapsed() < PERIOD) {
+    pub(super) fn run_if_due(&mut self, now: Instant) -> Result<(), Error> {
+        match self.ran.is_some_and(|ran| now.duration_since(ran) < PERIOD) {
             true => Ok(()),
-            false => self.run(),
+            false => self.run(now),
         }
     }
 
@@ -65,5 +65,30 @@ impl Interrupter {
             None => wait,
             Some(_) => wait.min(PERIOD),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+    use std::sync::atomic::{AtomicU32, Ordering};
+
+    use super::*;
+
+    #[test]
+    fn check_runs_once_in_a_period() {
+        let runs = Arc::new(AtomicU32::new(0));
+        let mut interrupter = Interrupter::default();
+        let counted = Arc::clone(&runs);
+        interrupter.set(Some(Box::new(move || {
+            counted.fetch_add(1, Ordering::Relaxed);
+            Ok(())
+        })));
+        let start = Instant::now();
+        let runs_at = [0, 99, 100, 199, 250, 300].map(|millis| {
+            interrupter.run_if_due(start + Duration::from_millis(millis)).unwrap();
+            runs.load(Ordering::Relaxed)
+        });
+        assert_eq!(runs_at, [1, 1, 2, 2, 3, 3]);
     }
 }

@@ -4,6 +4,8 @@ pub mod adapter;
 pub(crate) mod available;
 mod can;
 pub mod control;
+#[cfg(test)]
+mod endless;
 pub(crate) mod hid;
 pub(crate) mod interrupt;
 pub(crate) mod line;

@@ -426,6 +426,7 @@ mod tests {
     use armwire_bridge::control::encode_cobs;
 
     use super::*;
+    use crate::ports::endless::Endless;
     use crate::ports::line::{Names, Reception};
 
     /// An adapter that sends this many events before each reply, stamped 0 and up.
@@ -633,33 +634,10 @@ mod tests {
         assert_eq!(adapter.next_event(Duration::ZERO).unwrap(), None);
     }
 
-    /// A port on which bytes do not end: these, again and again.
-    struct Flooded(&'static [u8]);
-
-    impl Line for Flooded {
-        fn name(&self) -> &str {
-            "fake"
-        }
-
-        fn read(&mut self, buf: &mut [u8], _: Duration) -> Result<usize, Error> {
-            let bytes = self.0.iter().cycle();
-            buf.iter_mut().zip(bytes).for_each(|(to, byte)| *to = *byte);
-            Ok(buf.len())
-        }
-
-        fn write(&mut self, bytes: &[u8]) -> Result<usize, Error> {
-            Ok(bytes.len())
-        }
-
-        fn hint(&self, _: Reception, _: Names) -> Text {
-            Text::default()
-        }
-    }
-
     #[test]
     fn bytes_without_end_are_no_event() {
         for bytes in [&b"25.3 C\r\n"[..], &[0], &[0xFF]] {
-            let mut adapter = Adapter::on_line(Box::new(Flooded(bytes)));
+            let mut adapter = Adapter::on_line(Box::new(Endless(bytes)));
             assert_eq!(adapter.next_event(Duration::ZERO).unwrap(), None, "{bytes:02X?}");
         }
     }

@@ -289,6 +289,7 @@ mod tests {
 
     use super::*;
     use crate::error::text::Text;
+    use crate::ports::endless::Endless;
     use crate::ports::line::Line;
     use crate::ports::link::fake::{Answering, fence_answer, joints};
 
@@ -372,28 +373,6 @@ mod tests {
         let mut link = Link::<Alpha1>::new(Box::new(robot), Alpha1::CONFIG);
         let error = link.send(&alpha1::Request::Stop).unwrap_err();
         assert!(matches!(error, Error::Refused { .. }), "{error:?}");
-    }
-
-    /// A line on which noise, of this byte, does not end.
-    struct Noisy(u8);
-
-    impl Line for Noisy {
-        fn name(&self) -> &str {
-            "fake"
-        }
-
-        fn read(&mut self, buf: &mut [u8], _: Duration) -> Result<usize, Error> {
-            buf.fill(self.0);
-            Ok(buf.len())
-        }
-
-        fn write(&mut self, bytes: &[u8]) -> Result<usize, Error> {
-            Ok(bytes.len())
-        }
-
-        fn hint(&self, _: Reception, _: Names) -> Text {
-            Text::default()
-        }
     }
 
     /// A line whose second write fails, after one of five bytes.
@@ -575,13 +554,13 @@ mod tests {
 
     #[test]
     fn endless_noise_ends_the_wait_for_late_answers() {
-        let mut link = Link::<Ling>::new(Box::new(Noisy(0)), Ling::CONFIG);
+        let mut link = Link::<Ling>::new(Box::new(Endless(&[0])), Ling::CONFIG);
         assert!(matches!(link.comes_late(), Ok(false)));
     }
 
     #[test]
     fn broken_stream_is_an_error_without_a_call() {
-        let link = || Link::<XArm>::new(Box::new(Noisy(0xFF)), XArm::CONFIG);
+        let link = || Link::<XArm>::new(Box::new(Endless(&[0xFF])), XArm::CONFIG);
         for error in [
             link().responses(Duration::ZERO, |_| ()).unwrap_err(),
             link().comes_late().unwrap_err(),
@@ -597,6 +576,14 @@ mod tests {
         link.set_interrupt(|| Err("enough".into()));
         let error = link.call(&Request::ReadJoints, drop).unwrap_err();
         assert!(matches!(&error, Error::Interrupted(reason) if reason.to_string() == "enough"));
+    }
+
+    #[test]
+    fn interrupt_ends_a_call_on_a_noisy_line() {
+        let mut link = Link::<Ling>::new(Box::new(Endless(&[0])), Ling::CONFIG);
+        link.set_interrupt(|| Err("enough".into()));
+        let error = link.call(&Request::ReadJoints, drop).unwrap_err();
+        assert!(matches!(error, Error::Interrupted(_)), "{error:?}");
     }
 
     #[test]

@@ -148,7 +148,7 @@ impl<P: Arm> LineClient<P> {
     pub(super) fn receive(&mut self, wait: Duration) -> Result<usize, Error> {
         if self.unread.is_empty() {
             let mut buf = [0; 256];
-            let n = self.port.receive(&mut buf, wait)?;
+            let n = self.port.read(&mut buf, wait)?;
             self.unread.extend(&buf[..n]);
             self.received += n;
             let room = MAX_KEPT - self.kept.len();

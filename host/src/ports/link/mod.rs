@@ -13,7 +13,7 @@ mod line_errors;
 mod readings;
 
 use std::fmt;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use armwire::Config;
 
@@ -60,8 +60,8 @@ impl<P: Arm> Link<P> {
         self.client.messages_mut()
     }
 
-    /// Makes calls run this check at least every 100 ms while they wait. Its error ends the call, as
-    /// [`Error::Interrupted`].
+    /// Makes calls run this check at least every 100 ms while they wait, whether bytes arrive or not. Its error ends the
+    /// call, as [`Error::Interrupted`].
     pub fn set_interrupt(&mut self, check: impl FnMut() -> Interrupt + Send + 'static) {
         self.client.port.set_interrupt(check);
     }
@@ -73,7 +73,7 @@ impl<P: Arm> Link<P> {
 
     /// Runs the interrupt's check.
     pub(crate) fn check_interrupt(&mut self) -> Result<(), Error> {
-        self.client.port.interrupter.run()
+        self.client.port.interrupter.run(Instant::now())
     }
 
     /// The text of the last error that the interrupt's check returned since this was last called.
