@@ -17,7 +17,9 @@ const CAPACITY: usize = 64 * 1024;
 /// The first bytes of a recording, as far as they were needed to detect its format.
 pub(super) struct Head<'a> {
     name: String,
-    bytes: Vec<u8>,
+    /// Has [`CAPACITY`] bytes, of which `len` were read.
+    buffer: Vec<u8>,
+    len: usize,
     rest: Source<'a>,
 }
 
@@ -25,7 +27,8 @@ impl<'a> Head<'a> {
     pub(super) fn new(name: String, source: Box<dyn Read + 'a>, out: &'a dyn Output) -> Self {
         Self {
             name,
-            bytes: Vec::new(),
+            buffer: vec![0; CAPACITY],
+            len: 0,
             rest: Source::new(source, out),
         }
     }
@@ -40,19 +43,18 @@ impl<'a> Head<'a> {
     }
 
     pub(super) fn bytes(&self) -> &[u8] {
-        &self.bytes
+        &self.buffer[..self.len]
     }
 
     /// Reads more bytes. Returns false at the end of the recording, and if the head has its maximum size. An error behind
     /// other bytes is that of a later read.
     pub(super) fn read_more(&mut self) -> Result<bool, Error> {
-        let len = self.bytes.len();
-        self.bytes.resize(CAPACITY, 0);
-        let read = self.rest.read(&mut self.bytes[len..]);
-        self.bytes.truncate(len + read.as_ref().unwrap_or(&0));
-        match read {
-            Ok(n) => Ok(n > 0),
-            Err(error) if self.bytes.is_empty() => Err(Error::at(&self.name, error)),
+        match self.rest.read(&mut self.buffer[self.len..]) {
+            Ok(n) => {
+                self.len += n;
+                Ok(n > 0)
+            }
+            Err(error) if self.len == 0 => Err(Error::at(&self.name, error)),
             Err(error) => {
                 self.rest.error = Some(error);
                 Ok(false)
@@ -64,14 +66,16 @@ impl<'a> Head<'a> {
     pub(super) fn beginning(&self) -> Vec<u8> {
         /// Number of bytes that are shown of a recording without a frame.
         const SHOWN: usize = 16;
-        self.bytes[..self.bytes.len().min(SHOWN)].to_vec()
+        let bytes = self.bytes();
+        bytes[..bytes.len().min(SHOWN)].to_vec()
     }
 
     /// The whole recording.
-    pub(super) fn into_input(self) -> Input<'a> {
+    pub(super) fn into_input(mut self) -> Input<'a> {
+        self.buffer.truncate(self.len);
         Input {
             name: self.name,
-            reader: BufReader::with_capacity(CAPACITY, Cursor::new(self.bytes).chain(self.rest)),
+            reader: BufReader::with_capacity(CAPACITY, Cursor::new(self.buffer).chain(self.rest)),
             offset: 0,
             lines: 0,
             line: Vec::new(),
@@ -82,9 +86,10 @@ impl<'a> Head<'a> {
 
     /// The whole recording, without a byte order mark.
     pub(super) fn into_text(mut self) -> Result<Input<'a>, Error> {
-        while BYTE_ORDER_MARK.starts_with(&self.bytes) && self.bytes != BYTE_ORDER_MARK && self.read_more()? {}
-        if self.bytes.starts_with(BYTE_ORDER_MARK) {
-            self.bytes.drain(..BYTE_ORDER_MARK.len());
+        while BYTE_ORDER_MARK.starts_with(self.bytes()) && self.bytes() != BYTE_ORDER_MARK && self.read_more()? {}
+        if self.bytes().starts_with(BYTE_ORDER_MARK) {
+            self.buffer.drain(..BYTE_ORDER_MARK.len());
+            self.len -= BYTE_ORDER_MARK.len();
         }
         Ok(self.into_input())
     }
