@@ -18,24 +18,25 @@ use crate::{
 
 /// Everything but the firmware.
 const HOST: &str = "--workspace --exclude armwire-firmware";
-/// Commands that mostly build, in directories of their own. One at a time they would leave a core idle for half of the
-/// time: only one core links an image.
-const BUILDS: [&str; 10] = [
-    "deny",
-    "examples",
-    "targets",
-    "fw --board stm32g431",
-    "coverage",
+/// Commands that mostly build, in directories of their own, those that take longest first. One at a time they would leave a
+/// core idle for half of the time: only one core links an image.
+const BUILDS: [&str; 11] = [
     "platforms",
+    "examples",
+    "coverage",
+    "targets",
+    "deny",
+    "python sources",
     "features",
-    "fw --defmt --board stm32g431",
+    "fw --board stm32g431",
     "no-panic",
+    "fw --defmt --board stm32g431",
     // Last: it has the profile of the other image, and would wait for it.
     "fw --board pico",
 ];
 /// Commands that mostly wait for programs in real time. The first takes as long as the others together.
 const PROGRAMS: [&str; 5] = [
-    "python",
+    "python tests",
     "vendor can",
     "recordings",
     "vendor sdk",
@@ -78,24 +79,25 @@ pub(crate) fn run() -> Result<()> {
             "clippy {HOST} --all-targets --all-features -- -D warnings"
         )))
     })?;
-    // An editor reads it so. Clippy, the tests and later steps compile every other crate.
-    ci.step("type check of the firmware on a computer", || {
-        process::run(&mut cargo("check --package armwire-firmware"))
-    })?;
-    ci.step("documentation", || {
-        let doc =
-            |select: &str| process::run(cargo(&format!("doc {select} --no-deps")).env("RUSTDOCFLAGS", "-D warnings"));
-        doc(&format!("{HOST} --all-features"))?;
-        // Links to disabled protocols would be broken.
-        doc("--package armwire --no-default-features --features ling")
-    })?;
     ci.step("tests", || process::run(&mut cargo("test")))?;
-    ci.step("random runs of the adapter", || {
-        let mut test = cargo("test --package armwire-host-tests --test adapter_runs");
-        // Shows in how many runs each circumstance occurred.
-        test.args(["--", "--show-output"]);
-        process::run(test.env("ARMWIRE_RUNS", ADAPTER_RUNS))
-    })?;
+    ci.step(
+        "random runs of the adapter, documentation, type check of the firmware on a computer",
+        || {
+            let doc = |select: &str| {
+                let mut doc = cargo(&format!("doc {select} --no-deps"));
+                doc.env("RUSTDOCFLAGS", "-D warnings");
+                doc
+            };
+            parallel::run_all(vec![
+                adapter_runs(),
+                doc(&format!("{HOST} --all-features")),
+                // Links to disabled protocols would be broken.
+                doc("--package armwire --no-default-features --features ling"),
+                // An editor reads it so. Clippy, the tests and later steps compile every other crate.
+                cargo("check --package armwire-firmware"),
+            ])
+        },
+    )?;
     ci.step("README's example with its dependencies", readme::check)?;
     ci.step("crates from their packages", || {
         packages::check(packages::Tests::Compile)
@@ -105,7 +107,7 @@ pub(crate) fn run() -> Result<()> {
         parallel::run_all(xtasks(&["web", "c"])?)
     })?;
     ci.step(
-        "licences, examples, images, other targets, coverage, link tests",
+        "other systems and targets, examples, coverage, licences, images, link tests",
         || {
             let mut commands = xtasks(&BUILDS)?;
             let mut clippy = cargo("clippy --all-targets -- -D warnings");
@@ -177,6 +179,13 @@ fn drawings() -> Result<()> {
     drawings.retain(|file| file.extension().is_some_and(|extension| extension == "svg"));
     println!("{} drawings", drawings.len());
     process::run(Command::new("python3").args(["-c", parse]).args(drawings))
+}
+
+/// Random runs of the adapter. They show how many had each circumstance.
+fn adapter_runs() -> Command {
+    let mut test = cargo("test --package armwire-host-tests --test adapter_runs");
+    test.args(["--", "--show-output"]).env("ARMWIRE_RUNS", ADAPTER_RUNS);
+    test
 }
 
 /// The tests of this image on the virtual board, with their measurements.

@@ -174,16 +174,13 @@ fn move_virtual_arms(folder: &Path) -> Result<()> {
     let (first, second) = page
         .split_once(SECOND)
         .with_context(|| format!("{PC} has no second program"))?;
-    run(&mut in_folder(
-        "build --quiet --package armwire-cli",
-        &folder.join("crates"),
-    )?)?;
+    run(&mut cargo("build --quiet --package armwire-cli"))?;
     [first, second]
         .into_iter()
         .try_for_each(|program| move_virtual_arm(folder, program))
 }
 
-/// Builds the program of this text in a new package, and moves a virtual arm of the packaged command with it.
+/// Builds the program of this text in a new package, and moves a virtual arm with it.
 fn move_virtual_arm(folder: &Path, text: &str) -> Result<()> {
     println!("{PC}: a program and a virtual arm");
     let (crates, user) = (folder.join("crates"), folder.join("pc-user"));

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use anyhow::{Context, Result, ensure};
-use clap::Args;
+use clap::{Args, ValueEnum};
 
 use crate::board::Board;
 use crate::cargo::{cargo, target_dir};
@@ -39,16 +39,24 @@ const LEROBOT_PYTHONS: [&str; 2] = ["3.12", "3.13"];
 
 #[derive(Args, Default)]
 pub(crate) struct Options {
-    /// Only build the wheels of the package and of its plugins for LeRobot, without tests
-    #[arg(long)]
-    build: bool,
+    /// The part to run, by default sources and tests
+    part: Option<Part>,
     /// Number of reads over lines with faults; 100000 take minutes
     #[arg(long, value_name = "N")]
     reads: Option<u32>,
 }
 
-/// Checks the sources, builds the wheel and the source distribution, tests the wheel in a clean environment, and compares
-/// it with the vendor's SDK.
+#[derive(Clone, Copy, ValueEnum)]
+enum Part {
+    /// Linters and type checkers
+    Sources,
+    /// The wheel and the source distribution, built and tested
+    Tests,
+    /// The released wheels of the package and of its plugins, only built
+    Wheels,
+}
+
+/// Runs the selected part, or checks the sources and tests the package.
 ///
 /// # Errors
 ///
@@ -56,17 +64,25 @@ pub(crate) struct Options {
 pub(crate) fn run_all(options: &Options) -> Result<()> {
     let dir = target_dir()?.join("python-checks");
     fs::create_dir_all(&dir)?;
-    if options.build {
-        return build_wheels();
+    match options.part {
+        Some(Part::Sources) => check_sources(&dir),
+        Some(Part::Tests) => test_package(&dir, options),
+        Some(Part::Wheels) => build_wheels(),
+        None => {
+            check_sources(&dir)?;
+            test_package(&dir, options)
+        }
     }
-    let tools = Environment::new("python3", dir.join("tools"))?;
-    tools.install([OsStr::new("--requirement"), requirements().as_ref()])?;
-    check_sources(&tools, &dir)?;
+}
+
+/// Builds the wheel and the source distribution, tests the wheel in a clean environment, and compares it with the vendor's
+/// SDK.
+fn test_package(dir: &Path, options: &Options) -> Result<()> {
     // Another environment would compile everything again.
-    let wheel = wheel(&dir)?;
+    let wheel = wheel(dir)?;
     check_wheel(&wheel, &dir.join("wheel"))?;
-    check_sdist(&tools, &dir)?;
-    test(&with_wheel(dir.join("clean"), &wheel)?, &dir, options)?;
+    check_sdist(dir)?;
+    test(&with_wheel(dir.join("clean"), &wheel)?, dir, options)?;
     let beside_sdk = with_wheel(dir.join("beside-sdk"), &wheel)?;
     beside_sdk.install(SDK)?;
     let compare = python_dir().join("benchmarks/beside_sdk.py");
@@ -76,7 +92,7 @@ pub(crate) fn run_all(options: &Options) -> Result<()> {
         .arg(compare)
         .arg(armwire)
         .arg(scripts)
-        .current_dir(&dir))
+        .current_dir(dir))
 }
 
 /// Installs LeRobot, runs the plugin's tests with it, and teleoperates and records with its programs.
@@ -260,7 +276,9 @@ fn copied(plugin: &str, folder: &Path) -> Result<PathBuf> {
 }
 
 /// Runs linters and type checkers.
-fn check_sources(tools: &Environment, dir: &Path) -> Result<()> {
+fn check_sources(dir: &Path) -> Result<()> {
+    let tools = &Environment::new("python3", dir.join("tools"))?;
+    tools.install([OsStr::new("--requirement"), requirements().as_ref()])?;
     // The decoder for sigrok and the programs for Feetech servos are checked here, too, with rules of their own.
     let folders = [".", "../tools", FEETECH];
     run(tool(tools, "ruff").args(["check", "--no-cache"]).args(folders))?;
@@ -334,7 +352,8 @@ pub(crate) fn check_modules(wheel: &Path, unpacked: &Path) -> Result<usize> {
 }
 
 /// Builds the source distribution and compiles it.
-fn check_sdist(tools: &Environment, dir: &Path) -> Result<()> {
+fn check_sdist(dir: &Path) -> Result<()> {
+    let tools = &build_tools()?;
     let sources = dir.join("sdist");
     empty_folder(&sources)?;
     run(tool(tools, "maturin").args(["sdist", "--out"]).arg(&sources))?;

@@ -61,7 +61,7 @@ fn make(release: &Release) -> Result<()> {
         run(release.reproducible(&mut system.build(&tools)?)?)?;
     }
     // The wheels.
-    release.xtask(&["python", "--build"])?;
+    release.xtask(&["python", "wheels"])?;
     release.make_common()?;
     for system in SYSTEMS {
         release.make_archive(system)?;
