@@ -130,9 +130,8 @@ impl Bus {
         let unsolicited = sum(|survey| survey.unsolicited);
         let echoes = sum(|survey| survey.echoes);
         let cause = format!(
-            "no servo answers to the {} ids of --ids; {noise} noise bytes, {unsolicited} answers without a request, \
-             {echoes} echoes came",
-            self.ids.0.len()
+            "no servo answers to the ids of --ids; {noise} noise bytes, {unsolicited} answers without a request, {echoes} \
+             echoes came"
         );
         let hint = match self.port {
             Port::Can { .. } | Port::Slcan { .. } => {
