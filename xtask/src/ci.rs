@@ -18,8 +18,8 @@ use crate::{
 
 /// Everything but the firmware.
 const HOST: &str = "--workspace --exclude armwire-firmware";
-/// Commands that mostly build, in directories of their own, those that take longest first. One at a time they would leave a
-/// core idle for half of the time: only one core links an image.
+/// Commands that mostly build, in directories of their own. One at a time they would leave a core idle for half of the
+/// time: only one core links an image. The longest is first: begun late, it would run alone at the end.
 const BUILDS: [&str; 11] = [
     "platforms",
     "examples",
@@ -34,7 +34,7 @@ const BUILDS: [&str; 11] = [
     // Last: it has the profile of the other image, and would wait for it.
     "fw --board pico",
 ];
-/// Commands that mostly wait for programs in real time. The first takes as long as the others together.
+/// Commands that mostly wait for programs in real time. The first takes longer than the others together.
 const PROGRAMS: [&str; 5] = [
     "python tests",
     "vendor can",

@@ -6,7 +6,7 @@ use crate::error::Error;
 use crate::error::text::Text;
 use crate::ports::line::{Line, Names, Reception};
 
-/// A line with these bytes again and again, for each read.
+/// A line that fills each read with these bytes, again and again.
 pub(super) struct Endless(pub(super) &'static [u8]);
 
 impl Line for Endless {

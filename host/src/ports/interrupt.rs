@@ -34,7 +34,7 @@ impl Interrupter {
         self.check.take()
     }
 
-    /// Runs the check, now.
+    /// Runs the check, and notes this time of the run.
     pub(super) fn run(&mut self, now: Instant) -> Result<(), Error> {
         let Some(check) = &mut self.check else {
             return Ok(());
